@@ -1,0 +1,152 @@
+"""Claims, certificates, witnesses, bounds: what `check` says, and what it says it about."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from cdobs_cli.plant import SamplingLaw
+
+Status = Literal["proved", "refuted", "undecided"]
+ClaimKind = Literal["premise", "certificate", "consequence", "printed"]
+About = Literal["class", "plant"]
+
+
+@dataclass(frozen=True)
+class Witness:
+    """A counterexample that anyone can replay.
+
+    kind: `constant` (one slope vector), `switching` (slope values per arc), `vector` (a state or error
+    vector), `point` (a point of the domain). `times` are arc lengths or sampling periods (decimal strings),
+    `values` one list of decimal strings per arc (order: `entries`), `multiplier` the proved growth per
+    period as text. `about`: does it defeat the class of slopes, or the typed plant?
+    """
+
+    kind: Literal["constant", "switching", "vector", "point"]
+    about: About
+    times: tuple[str, ...] = ()
+    values: tuple[tuple[str, ...], ...] = ()
+    multiplier: str | None = None
+    entries: tuple[tuple[int, int], ...] = ()
+    data: dict[str, Any] = field(default_factory=dict)
+
+    def document(self) -> dict[str, Any]:
+        return {
+            "kind": self.kind, "class": self.about, "times": list(self.times),
+            "values": [list(row) for row in self.values], "multiplier": self.multiplier,
+            "entries": [list(entry) for entry in self.entries], **({"data": self.data} if self.data else {}),
+        }  # fmt: skip
+
+    @staticmethod
+    def from_document(document: dict[str, Any]) -> Witness:
+        return Witness(
+            document["kind"], document["class"], tuple(document["times"]),
+            tuple(tuple(row) for row in document["values"]), document["multiplier"],
+            tuple((int(i), int(j)) for i, j in document["entries"]), document.get("data", {}),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One statement and what became of it.
+
+    `margin` is a decimal string on the safe side: how far the deciding quantity is from its limit.
+    `by` names the certificate that a consequence rests on. Only slope premises and the consequence
+    `convergence` are required.
+    """
+
+    id: str
+    kind: ClaimKind
+    status: Status
+    statement: str
+    source: str
+    required: bool = False
+    margin: str | None = None
+    method: str | None = None
+    by: str | None = None
+    witness: Witness | None = None
+
+    def document(self) -> dict[str, Any]:
+        return {
+            "id": self.id, "kind": self.kind, "required": self.required, "status": self.status,
+            "statement": self.statement, "source": self.source, "margin": self.margin, "method": self.method,
+            "by": self.by, "witness": self.witness.document() if self.witness else None,
+        }  # fmt: skip
+
+    @staticmethod
+    def from_document(document: dict[str, Any]) -> Claim:
+        witness = document["witness"]
+        return Claim(
+            document["id"], document["kind"], document["status"], document["statement"], document["source"],
+            document["required"], document["margin"], document["method"], document["by"],
+            Witness.from_document(witness) if witness else None,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A bracket: decimal strings rounded to the safe side, "inf" allowed, None where nothing is known."""
+
+    proved: str | None = None
+    refuted: str | None = None
+    unit: str = "s"
+    method: str | None = None
+    about: str | None = None
+
+    def document(self) -> dict[str, Any]:
+        return {"proved": self.proved, "refuted": self.refuted, "unit": self.unit, "method": self.method, "about": self.about}
+
+    @staticmethod
+    def from_document(document: dict[str, Any]) -> Bound:
+        return Bound(document["proved"], document["refuted"], document["unit"], document["method"], document["about"])
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """What a search found and a proof can re-read: `data` holds matrices as rows of decimal strings, and
+    plain numbers as decimal strings."""
+
+    method: str
+    sampling: SamplingLaw
+    data: dict[str, Any]
+
+    def document(self) -> dict[str, Any]:
+        return {"method": self.method, "sampling": self.sampling.document(), "data": self.data}
+
+    @staticmethod
+    def from_document(document: dict[str, Any]) -> Certificate:
+        return Certificate(document["method"], SamplingLaw.from_document(document["sampling"]), document["data"])
+
+
+@dataclass(frozen=True)
+class Check:
+    """All claims and bounds of one spec with one design."""
+
+    claims: tuple[Claim, ...]
+    bounds: dict[str, Bound] = field(default_factory=dict)
+    digests: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def verdict(self) -> Status:
+        """refuted if a required claim is, else proved if all of them are (and there is one), else undecided."""
+        required = [claim.status for claim in self.claims if claim.required]
+        if "refuted" in required:
+            return "refuted"
+        return "proved" if required and all(status == "proved" for status in required) else "undecided"
+
+    def claim(self, identifier: str) -> Claim | None:
+        return next((claim for claim in self.claims if claim.id == identifier), None)
+
+    def document(self) -> dict[str, Any]:
+        return {
+            "schema_version": 1, "verdict": self.verdict, "claims": [claim.document() for claim in self.claims],
+            "bounds": {name: bound.document() for name, bound in self.bounds.items()}, "digests": self.digests,
+        }  # fmt: skip
+
+    @staticmethod
+    def from_document(document: dict[str, Any]) -> Check:
+        return Check(
+            tuple(Claim.from_document(claim) for claim in document["claims"]),
+            {name: Bound.from_document(bound) for name, bound in document["bounds"].items()},
+            document["digests"],
+        )

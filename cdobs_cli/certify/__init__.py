@@ -1,0 +1,1 @@
+"""Mathematics that serves several families. Reads a HybridInclusion or plain matrices, knows no family."""

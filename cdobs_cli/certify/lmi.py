@@ -1,0 +1,171 @@
+"""Linear matrix inequalities handed to Clarabel without a modelling layer.
+
+An inequality is a pure function of its unknowns; because it is affine, its coefficients are read off by
+evaluation at unit vectors. What the solver returns is a guess: `definite.py` decides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+from cdobs_cli.design import SolverRecord
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+Affine = Callable[[Mapping[str, "Array"]], "Array"]
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A matrix unknown: `symmetric`, `full` or `diagonal`, shape (rows, columns)."""
+
+    kind: Literal["symmetric", "full", "diagonal"]
+    rows: int
+    columns: int
+
+    @property
+    def size(self) -> int:
+        """Number of free entries."""
+        if self.kind == "symmetric":
+            return self.rows * (self.rows + 1) // 2
+        return self.rows if self.kind == "diagonal" else self.rows * self.columns
+
+    def matrix(self, entries: Array) -> Array:
+        """The matrix with these free entries."""
+        import numpy as np
+
+        if self.kind == "full":
+            return entries.reshape(self.rows, self.columns)
+        if self.kind == "diagonal":
+            return np.diag(entries)
+        matrix = np.zeros((self.rows, self.rows))
+        matrix[np.triu_indices(self.rows)] = entries
+        return matrix + np.triu(matrix, 1).T
+
+
+def symmetric(size: int) -> Unknown:
+    return Unknown("symmetric", size, size)
+
+
+def full(rows: int, columns: int) -> Unknown:
+    return Unknown("full", rows, columns)
+
+
+def diagonal(size: int) -> Unknown:
+    return Unknown("diagonal", size, size)
+
+
+class SparseColumns(NamedTuple):
+    """A compressed-column matrix with the attributes Clarabel reads (scipy.sparse takes long to import)."""
+
+    data: Any
+    indices: Any
+    indptr: Any
+    shape: tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A guess. `solved` is true only for the status Solved: AlmostSolved and the rest are kept apart."""
+
+    solved: bool
+    values: Mapping[str, Array]
+    objective: float
+    record: SolverRecord
+
+
+@dataclass
+class Program:
+    """maximise c(x) subject to F_k(x) >= 0 (semidefinite) and g(x) = 0, all affine in the unknowns.
+
+    Example: Program({"P": symmetric(n), "t": full(1, 1)}), then `require`, `equate`, `maximise`, `solve`.
+    """
+
+    unknowns: Mapping[str, Unknown]
+    _semidefinite: list[tuple[Array, Array]] = field(default_factory=list)
+    _equalities: list[tuple[Array, Array]] = field(default_factory=list)
+    _cost: Array | None = None
+
+    @property
+    def size(self) -> int:
+        return sum(unknown.size for unknown in self.unknowns.values())
+
+    def _split(self, x: Array) -> dict[str, Array]:
+        values, start = {}, 0
+        for name, unknown in self.unknowns.items():
+            values[name] = unknown.matrix(x[start : start + unknown.size])
+            start += unknown.size
+        return values
+
+    def _read(self, function: Affine) -> tuple[Array, Array]:
+        """(offset, coefficients): function(x) = offset + sum_i x_i coefficients[i]."""
+        import numpy as np
+
+        origin = np.zeros(self.size)
+        offset = np.atleast_2d(np.asarray(function(self._split(origin)), dtype=float))
+        coefficients = np.empty((self.size, *offset.shape))
+        for i in range(self.size):
+            origin[i] = 1.0
+            coefficients[i] = np.atleast_2d(function(self._split(origin))) - offset
+            origin[i] = 0.0
+        return offset, coefficients
+
+    def require(self, inequality: Affine) -> None:
+        """inequality(x) >= 0 in the semidefinite order (a symmetric matrix; 1 x 1 for a scalar)."""
+        self._semidefinite.append(self._read(inequality))
+
+    def equate(self, equation: Affine) -> None:
+        """equation(x) = 0, entry by entry."""
+        self._equalities.append(self._read(equation))
+
+    def maximise(self, objective: Affine) -> None:
+        """The linear objective (its value must be one number)."""
+        _, coefficients = self._read(objective)
+        self._cost = -coefficients.reshape(self.size)
+
+    def solve(self, *, tolerance: float = 1e-9, iterations: int = 200) -> Solution:
+        """Ask Clarabel, one thread."""
+        import clarabel
+        import numpy as np
+
+        rows, right, cones = [], [], []
+        for offset, coefficients in self._equalities:
+            rows.append(-coefficients.reshape(self.size, -1).T)
+            right.append(offset.reshape(-1))
+            cones.append(clarabel.ZeroConeT(offset.size))
+        for offset, coefficients in self._semidefinite:
+            dimension = offset.shape[0]
+            # Clarabel's triangle: the upper triangle by columns, off-diagonals times sqrt 2.
+            j, i = np.tril_indices(dimension)
+            scale = np.where(i == j, 1.0, np.sqrt(2.0))
+            rows.append(-(coefficients[:, i, j] * scale).T)
+            right.append(offset[i, j] * scale)
+            cones.append(clarabel.PSDTriangleConeT(dimension))
+        A, b = np.vstack(rows), np.concatenate(right)
+        cost = np.zeros(self.size) if self._cost is None else self._cost
+        zero = SparseColumns(np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(self.size + 1, dtype=np.int64), (self.size, self.size))
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.max_threads = 1
+        settings.max_iter = iterations
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+        result = clarabel.DefaultSolver(zero, cost, compressed(A), b, cones, settings).solve()
+        status = str(result.status)
+        record = SolverRecord("clarabel", clarabel.__version__, status, int(result.iterations), float(result.solve_time))
+        x = np.array(result.x)
+        return Solution(status == "Solved", self._split(x), -float(cost @ x), record)
+
+
+def compressed(A: Array) -> SparseColumns:
+    """A dense array in compressed columns, exact zeros left out."""
+    import numpy as np
+
+    columns, indices = np.nonzero(A.T)
+    counts = np.bincount(columns, minlength=A.shape[1])
+    return SparseColumns(A.T[columns, indices], indices, np.concatenate([[0], np.cumsum(counts)]), A.shape)

@@ -1,0 +1,67 @@
+"""What a figure or a table shows, without how it is drawn: families say what, `report` draws and formats."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+# line: a curve; steps: held until the next x; points: markers; stems: lines from 0; band: filled between y and y2;
+# limit: a horizontal line at y[0] over the whole panel; mark: a vertical line at x[0] over the whole panel.
+SeriesKind = Literal["line", "steps", "points", "stems", "band", "limit", "mark"]
+# truth: what really is; estimate: what the observer says; proved: a proved bound; refuted: a counterexample;
+# measured: data at samples; other: anything else (the next free colour).
+Role = Literal["truth", "estimate", "proved", "refuted", "measured", "other"]
+
+
+@dataclass(frozen=True)
+class Series:
+    """One curve: x and y of equal length (numpy arrays or sequences of floats)."""
+
+    label: str
+    x: Sequence[float] | Any
+    y: Sequence[float] | Any
+    kind: SeriesKind = "line"
+    role: Role = "other"
+    y2: Sequence[float] | Any = None
+
+
+@dataclass(frozen=True)
+class Panel:
+    """One pair of axes; labels are plain text with `$..$` for mathematics."""
+
+    x_label: str
+    y_label: str
+    series: tuple[Series, ...]
+    y_scale: Literal["linear", "log"] = "linear"
+    x_scale: Literal["linear", "log"] = "linear"
+
+
+@dataclass(frozen=True)
+class Chart:
+    """One figure, panels from top to bottom with a shared x axis. `name` is its file name."""
+
+    name: str
+    title: str
+    caption: str
+    panels: tuple[Panel, ...]
+
+
+@dataclass(frozen=True)
+class Table:
+    """One table: cells are text or floats (floats are formatted by the report)."""
+
+    name: str
+    title: str
+    caption: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str | float | int | None, ...], ...]
+
+
+@dataclass(frozen=True)
+class Exhibits:
+    """What a family adds to the report: charts, tables, and short notes (plain sentences)."""
+
+    charts: tuple[Chart, ...] = ()
+    tables: tuple[Table, ...] = ()
+    notes: tuple[str, ...] = field(default_factory=tuple)

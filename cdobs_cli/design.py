@@ -1,0 +1,74 @@
+"""A design: the gain as it is run, the sampling law it is for, and the certificates found for it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from cdobs_cli.certificate import Certificate
+from cdobs_cli.exact.numbers import ExactMatrix
+from cdobs_cli.plant import SamplingLaw
+
+Outcome = Literal["found", "given", "none"]
+
+
+@dataclass(frozen=True)
+class SolverRecord:
+    """Which solver was asked, and how it went. Nothing of this is ever evidence."""
+
+    name: str
+    version: str
+    status: str
+    iterations: int
+    seconds: float
+
+    def document(self) -> dict[str, Any]:
+        return {
+            "name": self.name, "version": self.version, "status": self.status,
+            "iterations": self.iterations, "seconds": self.seconds,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Design:
+    """What `synthesize` made.
+
+    gain: matrices by their paper letter (scalars are 1 x 1), exact decimals. slopes: bounds found for
+    entries declared `auto`, {"i.j": [lower, upper]}. reason: why there is no design, with outcome `none`.
+    details: what a family wants to keep for its report (plain JSON).
+    """
+
+    family: str
+    outcome: Outcome
+    sampling: SamplingLaw
+    gain: Mapping[str, ExactMatrix]
+    certificates: tuple[Certificate, ...] = ()
+    solver: SolverRecord | None = None
+    reason: str | None = None
+    slopes: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    details: Mapping[str, Any] = field(default_factory=dict)
+    digests: Mapping[str, str] = field(default_factory=dict)
+
+    def document(self) -> dict[str, Any]:
+        return {
+            "schema_version": 1, "family": self.family, "outcome": self.outcome, "reason": self.reason,
+            "sampling": self.sampling.document(), "gain": {name: matrix.texts() for name, matrix in self.gain.items()},
+            "slopes": {name: list(ends) for name, ends in self.slopes.items()},
+            "certificates": [certificate.document() for certificate in self.certificates],
+            "details": dict(self.details), "solver": self.solver.document() if self.solver else None,
+            "digests": dict(self.digests),
+        }  # fmt: skip
+
+    @staticmethod
+    def from_document(document: dict[str, Any]) -> Design:
+        """Raises: KeyError, TypeError, ValueError on anything `document` did not write."""
+        solver = document["solver"]
+        return Design(
+            document["family"], document["outcome"], SamplingLaw.from_document(document["sampling"]),
+            {name: ExactMatrix(rows) for name, rows in document["gain"].items()},
+            tuple(Certificate.from_document(certificate) for certificate in document["certificates"]),
+            SolverRecord(**solver) if solver else None, document["reason"],
+            {name: (ends[0], ends[1]) for name, ends in document["slopes"].items()}, document["details"],
+            document["digests"],
+        )  # fmt: skip

@@ -1,0 +1,100 @@
+"""The errors a user can meet, and the exit code each one stands for.
+
+    CdobsError                  every error that carries a message for the user
+    ├── SpecError        2      the spec is wrong: a list of Problem, all of them at once
+    ├── UsageError       2      the command line is wrong
+    ├── ArtefactError    2      a stored artefact is missing, unreadable, or from another spec
+    └── ToolError        3      the tool failed: disk, solver crash, a bug
+
+What linear algebra decides is never an error: it is a claim, a bound, or a design with `outcome: none`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+
+class ExitCode(IntEnum):
+    """Exit codes of every command, whatever the output format."""
+
+    HOLDS = 0
+    FINDING = 1
+    INVALID = 2
+    FAILED = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One mistake in a spec: where, what, got, allowed, and what to do next.
+
+    `field` is the path of the value, e.g. ("plant", "A", 0, 1); `file`, `line`, `column` (from 1) are
+    filled in by whoever knows the text.
+    """
+
+    field: tuple[str | int, ...]
+    what: str
+    got: str | None = None
+    allowed: str | None = None
+    hint: str | None = None
+    file: str | None = None
+    line: int | None = None
+    column: int | None = None
+
+    @property
+    def path(self) -> str:
+        """The dotted path of the field: `plant.A[0][1]`."""
+        text = ""
+        for part in self.field:
+            text += f"[{part}]" if isinstance(part, int) else (f".{part}" if text else str(part))
+        return text or "spec"
+
+    @property
+    def text(self) -> str:
+        """What is wrong, without the place."""
+        parts = [self.what]
+        if self.got is not None:
+            parts.append(f"got {self.got}")
+        if self.allowed is not None:
+            parts.append(f"allowed: {self.allowed}")
+        if self.hint is not None:
+            parts.append(self.hint)
+        return "; ".join(parts)
+
+    def __str__(self) -> str:
+        where = ":".join(str(part) for part in (self.file, self.line, self.column) if part is not None)
+        return f"{where}: {self.path}: {self.text}" if where else f"{self.path}: {self.text}"
+
+
+class CdobsError(Exception):
+    """Base of every error whose message is meant for the user."""
+
+    exit_code = ExitCode.FAILED
+
+
+class SpecError(CdobsError):
+    """A spec that cannot be used; carries every problem that was found."""
+
+    exit_code = ExitCode.INVALID
+
+    def __init__(self, problems: tuple[Problem, ...]) -> None:
+        self.problems = problems
+        super().__init__("\n".join(str(problem) for problem in problems))
+
+
+class UsageError(CdobsError):
+    """A command line that cannot be carried out."""
+
+    exit_code = ExitCode.INVALID
+
+
+class ArtefactError(CdobsError):
+    """A stored artefact that is missing, unreadable, or made from something else."""
+
+    exit_code = ExitCode.INVALID
+
+
+class ToolError(CdobsError):
+    """The tool failed: disk, solver crash, a bug."""
+
+    exit_code = ExitCode.FAILED

@@ -1,0 +1,1 @@
+"""Exact values: rationals, constants, the expression language, and matrices of them."""

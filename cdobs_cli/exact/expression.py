@@ -1,0 +1,468 @@
+"""The safe expression tree: what a spec may write, in floats, in balls, and differentiated.
+
+A typed text is read with Python's `ast` and rebuilt, node by node, into the four classes below; nothing
+of it is ever evaluated as Python. Decimals become exact rationals.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Callable, Iterator, Mapping
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from flint import arb
+
+MAX_LENGTH = 2000
+MAX_DEPTH = 100
+MAX_DIGITS = 60
+MAX_EXPONENT = 64
+MAX_DECIMAL_EXPONENT = 400
+CONSTANTS = ("pi", "e")
+# Name -> numbers of arguments a spec may give it.
+TYPED_FUNCTIONS: dict[str, tuple[int, ...]] = {
+    "sin": (1,), "cos": (1,), "tan": (1,), "tanh": (1,), "sinh": (1,), "cosh": (1,), "exp": (1,), "log": (1,),
+    "sqrt": (1,), "abs": (1,), "min": (2,), "max": (2,), "sat": (1, 3), "monod": (2,), "contois": (3,),
+}  # fmt: skip
+_NUMBER = re.compile(r"(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\Z", re.ASCII)
+
+
+class ExpressionError(ValueError):
+    """A text outside the expression language; `offset` counts characters from its start."""
+
+    def __init__(self, message: str, offset: int = 0) -> None:
+        super().__init__(message)
+        self.offset = offset
+
+
+class Expression:
+    """A node of the tree: immutable, compared by structure, combined by + - * / and unary minus."""
+
+    __slots__ = ("_hash",)
+    _hash: int
+    children: tuple[Expression, ...] = ()
+
+    def _key(self) -> tuple[object, ...]:
+        raise NotImplementedError
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def __eq__(self, other: object) -> bool:
+        if self is other:
+            return True
+        if not isinstance(other, Expression):
+            return NotImplemented
+        return type(self) is type(other) and self._hash == other._hash and self._key() == other._key()
+
+    def __neg__(self) -> Expression:
+        return Number(-self.value) if isinstance(self, Number) else multiply(MINUS_ONE, self)
+
+    def __add__(self, other: Expression) -> Expression:
+        return add(self, other)
+
+    def __sub__(self, other: Expression) -> Expression:
+        return add(self, -other)
+
+    def __mul__(self, other: Expression) -> Expression:
+        return multiply(self, other)
+
+    def __truediv__(self, other: Expression) -> Expression:
+        return divide(self, other)
+
+    def __str__(self) -> str:
+        return _text(self, 0)
+
+    def __repr__(self) -> str:
+        return f"Expression({str(self)!r})"
+
+    def walk(self) -> Iterator[Expression]:
+        """Every distinct node, children before parents."""
+        seen: set[Expression] = set()
+        stack: list[tuple[Expression, bool]] = [(self, False)]
+        while stack:
+            node, ready = stack.pop()
+            if node in seen:
+                continue
+            if ready:
+                seen.add(node)
+                yield node
+            else:
+                stack.append((node, True))
+                stack.extend((child, False) for child in node.children)
+
+    @property
+    def variables(self) -> frozenset[str]:
+        """Names of the variables that occur."""
+        return frozenset(node.name for node in self.walk() if isinstance(node, Variable))
+
+    def ball(self, env: Mapping[str, arb], memo: dict[Expression, arb] | None = None) -> arb:
+        """Enclosure of the value where every variable lies in its ball; not finite where undefined.
+
+        `memo` may be shared between expressions evaluated at the same `env`.
+        """
+        from cdobs_cli.exact.functions import BALL_FUNCTIONS, exact_ball
+
+        memo = {} if memo is None else memo
+        for node in self.walk():
+            if node in memo:
+                continue
+            if isinstance(node, Variable):
+                memo[node] = env[node.name]
+            elif isinstance(node, Call):
+                memo[node] = BALL_FUNCTIONS[node.function](*(memo[child] for child in node.children))
+            elif isinstance(node, Power):
+                memo[node] = BALL_FUNCTIONS["power"](memo[node.base], node.exponent)
+            else:
+                memo[node] = exact_ball(node)
+        return memo[self]
+
+    def derivative(self, name: str) -> Expression:
+        """The partial derivative; abs, min, max and sat give `sign` and `step`, whose balls enclose
+        the Clarke gradient where they jump."""
+        from cdobs_cli.exact.functions import DERIVATIVES
+
+        memo: dict[Expression, Expression] = {}
+        for node in self.walk():
+            if isinstance(node, Variable):
+                memo[node] = ONE if node.name == name else ZERO
+            elif isinstance(node, Power):
+                inner = memo[node.base]
+                memo[node] = Number(node.exponent) * power(node.base, node.exponent - 1) * inner if inner != ZERO else ZERO
+            elif isinstance(node, Call):
+                total: Expression = ZERO
+                for rule, child in zip(DERIVATIVES[node.function], node.children, strict=True):
+                    if memo[child] != ZERO:
+                        total = total + rule(*node.children) * memo[child]
+                memo[node] = total
+            else:
+                memo[node] = ZERO
+        return memo[self]
+
+    def substitute(self, env: Mapping[str, Expression]) -> Expression:
+        """The expression with variables replaced; constants fold."""
+        memo: dict[Expression, Expression] = {}
+        for node in self.walk():
+            if isinstance(node, Variable):
+                memo[node] = env.get(node.name, node)
+            elif isinstance(node, Power):
+                memo[node] = power(memo[node.base], node.exponent)
+            elif isinstance(node, Call):
+                memo[node] = call(node.function, *(memo[child] for child in node.children))
+            else:
+                memo[node] = node
+        return memo[self]
+
+
+class Number(Expression):
+    """An exact rational."""
+
+    __slots__ = ("value",)
+
+    def __init__(self, value: Fraction | int) -> None:
+        self.value = Fraction(value)
+        self._hash = hash((Number, self.value))
+
+    def _key(self) -> tuple[object, ...]:
+        return (self.value,)
+
+
+class Constant(Expression):
+    """`pi` or `e`."""
+
+    __slots__ = ("name",)
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._hash = hash((Constant, name))
+
+    def _key(self) -> tuple[object, ...]:
+        return (self.name,)
+
+
+class Variable(Expression):
+    """A named variable."""
+
+    __slots__ = ("name",)
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._hash = hash((Variable, name))
+
+    def _key(self) -> tuple[object, ...]:
+        return (self.name,)
+
+
+class Power(Expression):
+    """base ** exponent with a rational exponent."""
+
+    __slots__ = ("base", "children", "exponent")
+
+    def __init__(self, base: Expression, exponent: Fraction) -> None:
+        self.base, self.exponent, self.children = base, exponent, (base,)
+        self._hash = hash((Power, base, exponent))
+
+    def _key(self) -> tuple[object, ...]:
+        return (self.exponent, self.base)
+
+
+class Call(Expression):
+    """A function of the language, or one of add, multiply, divide, sign, step."""
+
+    __slots__ = ("children", "function")
+
+    def __init__(self, function: str, arguments: tuple[Expression, ...]) -> None:
+        self.function, self.children = function, arguments
+        self._hash = hash((Call, function, arguments))
+
+    def _key(self) -> tuple[object, ...]:
+        return (self.function, self.children)
+
+
+ZERO, ONE, MINUS_ONE = Number(0), Number(1), Number(-1)
+
+
+def add(a: Expression, b: Expression) -> Expression:
+    """a + b, with rational constants folded."""
+    if isinstance(a, Number) and isinstance(b, Number):
+        return Number(a.value + b.value)
+    if a == ZERO:
+        return b
+    return a if b == ZERO else Call("add", (a, b))
+
+
+def multiply(a: Expression, b: Expression) -> Expression:
+    """a b, with rational constants folded. (0 times an undefined value folds to 0: definedness is
+    judged on the typed tree, before any folding of variables.)"""
+    if isinstance(a, Number) and isinstance(b, Number):
+        return Number(a.value * b.value)
+    if ZERO in (a, b):
+        return ZERO
+    if a == ONE:
+        return b
+    return a if b == ONE else Call("multiply", (a, b))
+
+
+def divide(a: Expression, b: Expression) -> Expression:
+    """a / b, with rational constants folded.
+
+    Raises:
+        ExpressionError: b is the number zero.
+    """
+    if b == ZERO:
+        raise ExpressionError("division by zero")
+    if isinstance(a, Number) and isinstance(b, Number):
+        return Number(a.value / b.value)
+    return a if b == ONE else Call("divide", (a, b))
+
+
+def power(base: Expression, exponent: Fraction) -> Expression:
+    """base ** exponent, folded where it stays rational."""
+    if exponent == 0:
+        return ONE
+    if exponent == 1:
+        return base
+    if isinstance(base, Number) and exponent.denominator == 1:
+        if base.value == 0 and exponent < 0:
+            raise ExpressionError("division by zero")
+        return Number(base.value**exponent.numerator)
+    return Power(base, exponent)
+
+
+def call(function: str, *arguments: Expression) -> Expression:
+    """A function applied, folded where that is arithmetic on rationals."""
+    folding: dict[str, Callable[[Expression, Expression], Expression]] = {
+        "add": add, "multiply": multiply, "divide": divide,
+    }  # fmt: skip
+    if function in folding:
+        return folding[function](*arguments)
+    if all(isinstance(argument, Number) for argument in arguments):
+        values = [argument.value for argument in arguments if isinstance(argument, Number)]
+        if function == "abs":
+            return Number(abs(values[0]))
+        if function in ("min", "max"):
+            return Number(min(values) if function == "min" else max(values))
+        if values == [0] and function in ("sin", "tan", "tanh", "sinh", "sqrt"):
+            return ZERO
+        if values == [0] and function in ("cos", "cosh", "exp"):
+            return ONE
+    return Call(function, arguments)
+
+
+def parse(text: str, names: frozenset[str] = frozenset(), known: Mapping[str, Expression] | None = None) -> Expression:
+    """Read a typed expression.
+
+    Args:
+        text: ASCII, at most 2000 characters.
+        names: the variables that may occur.
+        known: names that stand for closed expressions (parameters).
+    Raises:
+        ExpressionError: with what is wrong and where in the text.
+    """
+    if len(text) > MAX_LENGTH:
+        raise ExpressionError(f"an expression has at most {MAX_LENGTH} characters, this one {len(text)}")
+    if not text.isascii() or not text.isprintable():
+        raise ExpressionError("an expression is plain ASCII on one line")
+    depth = deepest = 0
+    for character in text:
+        depth += (character in "([{") - (character in ")]}")
+        deepest = max(deepest, depth)
+    if deepest > MAX_DEPTH or re.search(r"([-+~]\s*){20}|(not\s+){20}", text):
+        raise ExpressionError(f"an expression is nested at most {MAX_DEPTH} deep")
+    source = text.strip()
+    if not source:
+        raise ExpressionError("an expression is expected, the text is empty")
+    try:
+        tree = ast.parse(source, mode="eval").body
+        return _Reader(source, names, known or {}).read(tree, 0)
+    except ExpressionError:
+        raise
+    except SyntaxError as error:
+        raise ExpressionError("not an expression", (error.offset or 1) - 1) from None
+    except (RecursionError, MemoryError, ValueError, OverflowError):
+        raise ExpressionError("an expression that cannot be read") from None
+
+
+class _Reader:
+    def __init__(self, source: str, names: frozenset[str], known: Mapping[str, Expression]) -> None:
+        self.source, self.names, self.known = source, names, known
+
+    def read(self, node: ast.expr, depth: int) -> Expression:
+        if depth > MAX_DEPTH * 3:
+            raise ExpressionError("an expression is nested too deep", node.col_offset)
+        if isinstance(node, ast.Constant):
+            return Number(self.number(node))
+        if isinstance(node, ast.Name):
+            return self.name(node)
+        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
+            operand = self.read(node.operand, depth + 1)
+            return -operand if isinstance(node.op, ast.USub) else operand
+        if isinstance(node, ast.BinOp):
+            return self.binary(node, depth)
+        if isinstance(node, ast.Call):
+            return self.call(node, depth)
+        raise ExpressionError("only + - * / **, numbers, names and functions are allowed", node.col_offset)
+
+    def number(self, node: ast.Constant) -> Fraction:
+        text = ast.get_source_segment(self.source, node) or ""
+        if isinstance(node.value, bool) or not isinstance(node.value, int | float) or not _NUMBER.match(text):
+            raise ExpressionError(f"{text!r} is not a decimal number", node.col_offset)
+        return read_decimal(text, node.col_offset)
+
+    def name(self, node: ast.Name) -> Expression:
+        if node.id in self.known:
+            return self.known[node.id]
+        if node.id in self.names:
+            return Variable(node.id)
+        if node.id in CONSTANTS:
+            return Constant(node.id)
+        allowed = sorted({*self.names, *self.known, *CONSTANTS})
+        raise ExpressionError(f"unknown name {node.id!r}{nearest(node.id, allowed)}; known: {', '.join(allowed)}", node.col_offset)
+
+    def binary(self, node: ast.BinOp, depth: int) -> Expression:
+        left = self.read(node.left, depth + 1)
+        right = self.read(node.right, depth + 1)
+        match node.op:
+            case ast.Add():
+                result = left + right
+            case ast.Sub():
+                result = left - right
+            case ast.Mult():
+                # Not folded when it would hide a variable: definedness is judged on this tree.
+                result = Call("multiply", (left, right)) if left.variables or right.variables else left * right
+            case ast.Div():
+                result = left / right
+            case ast.Pow():
+                result = self.power(left, right, node)
+            case _:
+                raise ExpressionError("only + - * / ** are allowed between values", node.col_offset)
+        if isinstance(result, Number):
+            check_size(result.value, node.col_offset)
+        return result
+
+    def power(self, base: Expression, exponent: Expression, node: ast.BinOp) -> Expression:
+        if not isinstance(exponent, Number):
+            raise ExpressionError("an exponent is a rational number, e.g. x**2 or x**(1/2)", node.right.col_offset)
+        if abs(exponent.value) > MAX_EXPONENT or exponent.value.denominator > MAX_EXPONENT:
+            raise ExpressionError(f"an exponent is at most {MAX_EXPONENT} in size", node.right.col_offset)
+        if base.variables:
+            return Power(base, exponent.value)
+        return power(base, exponent.value)
+
+    def call(self, node: ast.Call, depth: int) -> Expression:
+        name = node.func.id if isinstance(node.func, ast.Name) else None
+        if name is None or name not in TYPED_FUNCTIONS:
+            shown = name or ast.get_source_segment(self.source, node.func) or "?"
+            raise ExpressionError(
+                f"unknown function {shown!r}{nearest(shown, TYPED_FUNCTIONS)}; known: {', '.join(TYPED_FUNCTIONS)}", node.col_offset
+            )
+        if node.keywords or any(isinstance(argument, ast.Starred) for argument in node.args):
+            raise ExpressionError(f"{name} takes plain arguments", node.col_offset)
+        if len(node.args) not in TYPED_FUNCTIONS[name]:
+            counts = " or ".join(str(count) for count in TYPED_FUNCTIONS[name])
+            raise ExpressionError(f"{name} takes {counts} argument(s), got {len(node.args)}", node.col_offset)
+        arguments = [self.read(argument, depth + 1) for argument in node.args]
+        if name == "sat" and len(arguments) == 1:
+            arguments += [MINUS_ONE, ONE]
+        return call(name, *arguments)
+
+
+def read_decimal(text: str, offset: int = 0) -> Fraction:
+    """The exact value of a decimal text like `-1.5e-3`.
+
+    Raises:
+        ExpressionError: more than 60 digits, or an exponent beyond 400.
+    """
+    mantissa, _, exponent = text.lower().partition("e")
+    if sum(character.isdigit() for character in mantissa) > MAX_DIGITS:
+        raise ExpressionError(f"a number has at most {MAX_DIGITS} digits", offset)
+    if exponent and (len(exponent) > 5 or abs(int(exponent)) > MAX_DECIMAL_EXPONENT):
+        raise ExpressionError(f"a decimal exponent is at most {MAX_DECIMAL_EXPONENT}", offset)
+    return Fraction(text)
+
+
+def check_size(value: Fraction, offset: int = 0) -> None:
+    """Refuse rationals that grew beyond use (`9**9**9` never gets this far)."""
+    if max(value.numerator.bit_length(), value.denominator.bit_length()) > 8000:
+        raise ExpressionError("a constant that is too large", offset)
+
+
+def nearest(name: str, allowed: Mapping[str, object] | list[str] | tuple[str, ...]) -> str:
+    """`, did you mean 'x'?` or nothing."""
+    import difflib
+
+    found = difflib.get_close_matches(name, list(allowed), n=1)
+    return f", did you mean {found[0]!r}?" if found else ""
+
+
+_INFIX = {"add": ("+", 1), "multiply": ("*", 2), "divide": ("/", 2)}
+
+
+def _text(node: Expression, level: int) -> str:
+    if isinstance(node, Number):
+        value = node.value
+        text = str(value)
+        return f"({text})" if (value < 0 or value.denominator > 1) and level > 0 else text
+    if isinstance(node, Constant | Variable):
+        return node.name
+    if isinstance(node, Power):
+        exponent = str(node.exponent)
+        exponent = exponent if node.exponent.denominator == 1 and node.exponent > 0 else f"({exponent})"
+        return f"{_text(node.base, 4)}**{exponent}"
+    assert isinstance(node, Call)
+    if node.function not in _INFIX:
+        return f"{node.function}({', '.join(_text(child, 0) for child in node.children)})"
+    sign, own = _INFIX[node.function]
+    left, right = node.children
+    if node.function == "multiply" and left == MINUS_ONE:
+        text = f"-{_text(right, 3)}"
+        return f"({text})" if level > 0 else text
+    text = f"{_text(left, own)} {sign} {_text(right, own if node.function != 'divide' else own + 1)}"
+    # a * (b / c) must keep its brackets: the printed text is read back to the same tree.
+    if node.function == "multiply" and isinstance(right, Call) and right.function in ("multiply", "divide"):
+        text = f"{_text(left, own)} * ({_text(right, 0)})"
+    if node.function == "add" and isinstance(right, Call) and right.function == "add":
+        text = f"{_text(left, own)} + ({_text(right, 0)})"
+    return f"({text})" if level > own else text

@@ -1,0 +1,70 @@
+"""The one seam: what an observer family is. A family object is its YAML block.
+
+A family knows the Plant, not the spec file; it reads nothing and writes nothing.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from pydantic import BaseModel, ConfigDict
+
+from cdobs_cli.chart import Exhibits
+from cdobs_cli.errors import Problem
+from cdobs_cli.plant import Plant
+
+if TYPE_CHECKING:
+    from cdobs_cli.certificate import Check
+    from cdobs_cli.design import Design
+    from cdobs_cli.exact.numbers import ExactMatrix
+    from cdobs_cli.hybrid import HybridInclusion, Observer
+    from cdobs_cli.run import Run, SimulationPlan
+
+
+class Family(BaseModel, ABC):
+    """Base of the observer families: parameters as fields, the verbs as methods.
+
+    Subclasses have `family: Literal["name"] = "name"` and `objective: Literal[..]`, its default first.
+    `example` is the commented spec that `cdobs init` prints: it runs as it is.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+
+    source: ClassVar[str]
+    example: ClassVar[str]
+
+    def problems(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:
+        """What `validate` can see without linear algebra: a structure the family does not take, shapes of a
+        given gain, options that contradict one another. Fields are paths from the top of the spec."""
+        return []
+
+    @abstractmethod
+    def synthesize(self, plant: Plant, effort: int) -> Design:
+        """Find the gain, or take the given one, and a certificate for each period wanted.
+
+        The only verb that may load a solver. Returns outcome `none` with a reason where there is no design;
+        never raises for what linear algebra decides.
+        """
+
+    @abstractmethod
+    def certify(self, plant: Plant, design: Design, effort: int) -> Check:
+        """Re-prove the stored certificates from the exact plant and the printed gain, and search
+        counterexamples. Holds exactly one required claim, `convergence`. Loads no solver."""
+
+    @abstractmethod
+    def observer(self, plant: Plant, design: Design) -> Observer:
+        """The observer's equations, with the printed gain."""
+
+    def inclusion(self, plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
+        """The error system under the plant's sampling law. Raises NotImplementedError where the gain is not constant."""
+        raise NotImplementedError(f"{type(self).__name__} has no constant gain")
+
+    def exhibits(self, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
+        """Charts and tables beyond the common ones (states, error, V at samples)."""
+        return Exhibits()
+
+    def envelope(self, plant: Plant, design: Design, check: Check) -> Mapping[str, Any] | None:
+        """A proved bound |e(t)| <= factor |e(0)| exp(-rate t): {"factor": float, "rate": float}, or None."""
+        return None

@@ -1,0 +1,200 @@
+"""Two hybrid systems: the error inclusion that proofs read, and the equations that simulations run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import product
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from cdobs_cli.exact.expression import Expression, Variable
+from cdobs_cli.plant import Plant, SamplingLaw, Slopes
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from cdobs_cli.exact.matrix import Matrix
+
+M = TypeVar("M")
+
+
+@dataclass(frozen=True)
+class ErrorMaps(Generic[M]):
+    """The matrices of an inclusion in one arithmetic (numpy arrays, or exact Matrix objects).
+
+    edot = (base + sum_k v_k left[k] right[k]) e with v_k in [lower[k], upper[k]];  e+ = jump e.
+    Shapes: base, jump (N, N); left[k] (N, 1); right[k] (1, N).
+    """
+
+    base: M
+    left: tuple[M, ...]
+    right: tuple[M, ...]
+    lower: tuple[Any, ...]
+    upper: tuple[Any, ...]
+    jump: M
+
+    def flow(self, v: tuple[Any, ...]) -> M:
+        """The flow matrix at slope values v."""
+        total: Any = self.base
+        for value, left, right in zip(v, self.left, self.right, strict=True):
+            total = total + (left @ right) * value
+        return total  # type: ignore[no-any-return]
+
+    def corners(self) -> Iterator[M]:
+        """Flow matrices at the 2^(number of uncertain entries) corners of the slope box."""
+        for v in product(*zip(self.lower, self.upper, strict=True)):
+            yield self.flow(v)
+
+
+@dataclass(frozen=True)
+class HybridInclusion:
+    """The error system of one plant with one gain.
+
+    Flow between samples: edot in Co{corners} e; jump e+ = J e when the clock (time since the last sample)
+    is in [T_min, T_max] of `sampling`. A family makes it (`Family.inclusion`); certificates, falsifiers and
+    tests read it. `entries` names the slope entry (i, j) behind each uncertain value.
+
+    Args:
+        assemble: called with a view of the plant and gain (numpy arrays, or exact Matrix objects) returns
+            ErrorMaps in that arithmetic, so the error equation is written once.
+    """
+
+    assemble: Callable[[PlantView[Any]], ErrorMaps[Any]]
+    plant: Plant
+    gain: Mapping[str, Any]
+    sampling: SamplingLaw
+    entries: tuple[tuple[int, int], ...]
+
+    @property
+    def floats(self) -> ErrorMaps[NDArray[np.float64]]:
+        return self.assemble(PlantView.floats(self.plant, self.gain))
+
+    @property
+    def balls(self) -> ErrorMaps[Matrix]:
+        """Rational where the data are rational, balls at the working precision otherwise."""
+        return self.assemble(PlantView.balls(self.plant, self.gain))
+
+
+@dataclass(frozen=True)
+class PlantView(Generic[M]):
+    """A, C, the slope box and the gain in one arithmetic. A holds the constant slopes (those whose two
+    ends are equal) too."""
+
+    A: M
+    C: M
+    gain: Mapping[str, M]
+    lower: tuple[Any, ...]
+    upper: tuple[Any, ...]
+    entries: tuple[tuple[int, int], ...]
+    unit: Callable[[int], M] = field(repr=False)
+
+    @staticmethod
+    def floats(plant: Plant, gain: Mapping[str, Any]) -> PlantView[NDArray[np.float64]]:
+        import numpy as np
+
+        A = plant.A.floats + np.array(_constant_slopes(plant.slopes, lambda value: float(value)))
+        entries = plant.slopes.uncertain
+        identity = np.eye(plant.n)
+        return PlantView(
+            A=A,
+            C=np.array(plant.C.floats),
+            gain={name: np.array(matrix.floats) for name, matrix in gain.items()},
+            lower=tuple(float(plant.slopes.lower[e]) for e in entries),
+            upper=tuple(float(plant.slopes.upper[e]) for e in entries),
+            entries=entries,
+            unit=lambda i: identity[:, [i]],
+        )
+
+    @staticmethod
+    def balls(plant: Plant, gain: Mapping[str, Any]) -> PlantView[Matrix]:
+        from cdobs_cli.exact.matrix import Matrix
+
+        def value(number: Any) -> Any:
+            return number.ball() if number.rational is None else number.rational
+
+        entries = plant.slopes.uncertain
+        identity = Matrix.identity(plant.n)
+        return PlantView(
+            A=plant.A.balls() + Matrix.from_rows(_constant_slopes(plant.slopes, value)),
+            C=plant.C.balls(),
+            gain={name: matrix.balls() for name, matrix in gain.items()},
+            lower=tuple(value(plant.slopes.lower[e]) for e in entries),
+            upper=tuple(value(plant.slopes.upper[e]) for e in entries),
+            entries=entries,
+            unit=lambda i: identity[:, i],
+        )
+
+
+def _constant_slopes(slopes: Slopes, value: Callable[[Any], Any]) -> list[list[Any]]:
+    uncertain = set(slopes.uncertain)
+    n, m = slopes.lower.shape
+    return [[0 if (i, j) in uncertain else value(slopes.lower[i, j]) for j in range(m)] for i in range(n)]
+
+
+@dataclass(frozen=True)
+class Observer:
+    """An observer as equations; simulation compiles them, export prints them.
+
+    Names in the expressions: the observer's own `states`; the plant's inputs; `t`; in `jump` also the
+    measurement `y.0`, `y.1`, .. and `elapsed`, the time since the previous sample; in `trigger` also
+    `elapsed`; in `start` the names `initial.<state>` (the initial estimate), `lower.<state>`,
+    `upper.<state>` (the known box of x(0)) and `y.0`, ...
+
+    Attributes:
+        states: names of the observer's states, e.g. `hat.theta` (a dot keeps them apart from user names).
+        start: value of each state at t_0, before the first measurement is used.
+        flow: time derivative of each state between samples.
+        jump: value of each state just after a sample.
+        jump_at_start: whether the sample at t_0 makes a jump.
+        trigger: the next sample is when this expression first reaches 0 from below; None: the sampling law decides.
+        estimates: what is reported, by name: {"x_hat": n expressions} or {"x_lower": .., "x_upper": ..}.
+        control: inputs held from one sample to the next: name -> expression evaluated right after the jump.
+        internals: further outputs worth a figure, by name, e.g. {"L": ..}.
+        stops: conditions `expression <= 0` under which a run ends with a finding: (expression, sentence).
+    """
+
+    states: tuple[str, ...]
+    start: tuple[Expression, ...]
+    flow: tuple[Expression, ...]
+    jump: tuple[Expression, ...]
+    estimates: Mapping[str, tuple[Expression, ...]]
+    jump_at_start: bool = True
+    trigger: Expression | None = None
+    control: Mapping[str, Expression] = field(default_factory=dict)
+    internals: Mapping[str, Expression] = field(default_factory=dict)
+    stops: tuple[tuple[Expression, str], ...] = ()
+
+
+@dataclass(frozen=True)
+class HybridSystem:
+    """Plant and observer together: flow, jump, next sample, as expressions over one list of states.
+
+    Names: `states` (the plant's, then the observer's), `signals` (inputs, `d.i`), `t`; in `jump` and
+    `measurement` also `v.i`, `y.i`, `elapsed`.
+    """
+
+    plant: Plant
+    observer: Observer
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        return self.plant.states + self.observer.states
+
+    @property
+    def flow(self) -> tuple[Expression, ...]:
+        """Time derivatives of all states."""
+        return self.plant.right_hand_side(disturbed=True) + self.observer.flow
+
+    @property
+    def measurement(self) -> tuple[Expression, ...]:
+        """y_k = C x (+ v): over states and `v.0`, `v.1`, .."""
+        rows = self.plant.outputs()
+        if self.plant.noise is None:
+            return rows
+        return tuple(row + Variable(f"v.{k}") for k, row in enumerate(rows))
+
+    @property
+    def jump(self) -> tuple[Expression, ...]:
+        """All states after a sample, over states, `y.0`, .. and `elapsed`: the plant's do not jump."""
+        return tuple(Variable(name) for name in self.plant.states) + self.observer.jump

@@ -1,0 +1,195 @@
+"""The plant, its measurement, and what is claimed of its slopes: exact entries, floats and balls as views.
+
+    xdot = A x + phi(x, u) + B u + d,    y_k = C x(t_k) + v_k,    lower_ij <= d phi_i / d x_j <= upper_ij
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from cdobs_cli.exact.expression import Expression
+from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
+
+SamplingKind = Literal["periodic", "aperiodic", "updated"]
+
+
+@dataclass(frozen=True)
+class SamplingLaw:
+    """When measurements come: t_(k+1) - t_k in [T_min, T_max] (time units of the plant).
+
+    periodic: T_min = T_max; aperiodic: 0 <= T_min < T_max; updated: the observer chooses, both are 0.
+    """
+
+    kind: SamplingKind
+    T_min: Exact = EXACT_ZERO
+    T_max: Exact = EXACT_ZERO
+
+    @staticmethod
+    def periodic(period: Exact) -> SamplingLaw:
+        return SamplingLaw("periodic", period, period)
+
+    def with_period(self, T: Exact) -> SamplingLaw:
+        """The law with its period (or its largest period) replaced; a smaller T_max takes T_min along."""
+        if self.kind == "periodic":
+            return SamplingLaw.periodic(T)
+        T_min = self.T_min if float(self.T_min) <= float(T) else T
+        return SamplingLaw(self.kind, T_min, T)
+
+    def document(self) -> dict[str, Any]:
+        """As in a spec: {period}, {min_period, max_period} or {updated}."""
+        if self.kind == "periodic":
+            return {"period": str(self.T_max)}
+        if self.kind == "aperiodic":
+            return {"min_period": str(self.T_min), "max_period": str(self.T_max)}
+        return {"updated": True}
+
+    @staticmethod
+    def from_document(document: dict[str, Any]) -> SamplingLaw:
+        """Raises: KeyError, ExpressionError on anything `document` did not write."""
+        if document.get("updated") is True:
+            return SamplingLaw("updated")
+        if "period" in document:
+            return SamplingLaw.periodic(Exact(document["period"]))
+        return SamplingLaw("aperiodic", Exact(document["min_period"]), Exact(document["max_period"]))
+
+
+@dataclass(frozen=True)
+class Interval:
+    """[lower, upper], each end exact; None is unbounded."""
+
+    lower: Exact | None
+    upper: Exact | None
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box of vectors: lower <= . <= upper, componentwise."""
+
+    lower: tuple[Exact, ...]
+    upper: tuple[Exact, ...]
+
+
+@dataclass(frozen=True)
+class Input:
+    """A known input signal; its range where one is declared."""
+
+    name: str
+    range: Interval | None = None
+
+
+@dataclass(frozen=True)
+class Domain:
+    """Where the slopes are claimed: a box per state, and affine inequalities `expression >= 0`.
+
+    Empty means all of R^n. The proof takes the convex set that both describe.
+    """
+
+    box: dict[str, Interval] = field(default_factory=dict)
+    where: tuple[Expression, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.box or self.where)
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """Claimed bounds of the Jacobian of phi, shapes (n, n); entries in `auto` are to be found and proved
+    (their lower and upper are 0 until then)."""
+
+    lower: ExactMatrix
+    upper: ExactMatrix
+    auto: frozenset[tuple[int, int]] = frozenset()
+
+    @property
+    def entries(self) -> tuple[tuple[int, int], ...]:
+        """Entries that are not the constant 0, row by row."""
+        n, m = self.lower.shape
+        return tuple(
+            (i, j)
+            for i in range(n)
+            for j in range(m)
+            if (i, j) in self.auto or self.lower[i, j].sign() != 0 or self.upper[i, j].sign() != 0
+        )
+
+    @property
+    def uncertain(self) -> tuple[tuple[int, int], ...]:
+        """Entries whose two ends differ: the corners of the class are over these."""
+        return tuple((i, j) for i, j in self.entries if (i, j) in self.auto or self.lower[i, j] != self.upper[i, j])
+
+
+@dataclass(frozen=True)
+class Plant:
+    """The plant as typed. Shapes: A (n, n), B (n, m) or None, C (p, n), phi n expressions of states and
+    inputs (parameters substituted)."""
+
+    states: tuple[str, ...]
+    inputs: tuple[Input, ...]
+    A: ExactMatrix
+    phi: tuple[Expression, ...]
+    B: ExactMatrix | None
+    C: ExactMatrix
+    slopes: Slopes
+    sampling: SamplingLaw
+    domain: Domain = field(default_factory=Domain)
+    disturbance: Box | None = None
+    noise: Box | None = None
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return len(self.states)
+
+    @property
+    def p(self) -> int:
+        """Number of outputs."""
+        return self.C.shape[0]
+
+    @property
+    def is_canonical(self) -> bool:
+        """A a chain of integrators, C = [1 0 .. 0], slopes only in the last row (Dinh2014, Theorem III.2)."""
+        n = self.n
+        chain = all(
+            self.A[i, j] == Exact(1 if j == i + 1 else 0) for i in range(n) for j in range(n)
+        )
+        first = self.p == 1 and all(self.C[0, j] == Exact(1 if j == 0 else 0) for j in range(n))
+        return chain and first and all(i == n - 1 for i, _ in self.slopes.entries)
+
+    @property
+    def is_feedforward(self) -> bool:
+        """A and every slope upper triangular (Dinh2014, Assumption 2)."""
+        n = self.n
+        return all(self.A[i, j].sign() == 0 for i in range(n) for j in range(i)) and all(
+            j >= i for i, j in self.slopes.entries
+        )
+
+    def right_hand_side(self, prefix: str = "", *, disturbed: bool = False) -> tuple[Expression, ...]:
+        """A x + phi(x, u) + B u (+ d) as expressions over the names `prefix + state`, the inputs, and
+        `d.0`, `d.1`, .. when `disturbed`."""
+        from cdobs_cli.exact.expression import Variable
+
+        x = {name: Variable(prefix + name) for name in self.states}
+        rows = []
+        for i in range(self.n):
+            total = self.phi[i].substitute(x) if prefix else self.phi[i]
+            for j, name in enumerate(self.states):
+                total = total + self.A[i, j].expression * x[name]
+            if self.B is not None:
+                for j, source in enumerate(self.inputs):
+                    total = total + self.B[i, j].expression * Variable(source.name)
+            if disturbed and self.disturbance is not None:
+                total = total + Variable(f"d.{i}")
+            rows.append(total)
+        return tuple(rows)
+
+    def outputs(self, prefix: str = "") -> tuple[Expression, ...]:
+        """C x as expressions over the names `prefix + state`."""
+        from cdobs_cli.exact.expression import ZERO, Variable
+
+        rows = []
+        for k in range(self.p):
+            total: Expression = ZERO
+            for j, name in enumerate(self.states):
+                total = total + self.C[k, j].expression * Variable(prefix + name)
+            rows.append(total)
+        return tuple(rows)

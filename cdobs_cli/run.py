@@ -1,0 +1,86 @@
+"""A simulation as asked for, and as it came out. Arrays are over (runs, ..) from the first day."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from cdobs_cli.exact.expression import Expression
+from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.plant import Box
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class SimulationPlan:
+    """The `simulation` block: one run from `initial_state`, or `runs` of them from `initial_box`.
+
+    signals: expressions of `t` by name (inputs; `d.0`.. disturbances; `v.0`.. noise at samples).
+    sampling_times: expression of `t` giving T_k at t_k = t; None: the design's law.
+    """
+
+    horizon: Exact
+    initial_state: tuple[Exact, ...] | None = None
+    initial_box: Box | None = None
+    initial_estimate: tuple[Exact, ...] | None = None
+    runs: int = 1
+    seed: int = 0
+    signals: Mapping[str, Expression] = field(default_factory=dict)
+    sampling_times: Expression | None = None
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """One run. t (N,) is the output grid, with both sides of each jump (equal t twice); x (N, n);
+    estimates by name (N, n); internals by name (N,); t_k (K,), y_k (K, p): what was measured when."""
+
+    t: NDArray[np.float64]
+    x: NDArray[np.float64]
+    estimates: Mapping[str, NDArray[np.float64]]
+    internals: Mapping[str, NDArray[np.float64]]
+    t_k: NDArray[np.float64]
+    y_k: NDArray[np.float64]
+    inputs: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
+    stopped: str | None = None
+
+
+@dataclass(frozen=True)
+class RunSummary:
+    """The figures of one run, as in `simulation.json`."""
+
+    measurements: int
+    period_min: float | None
+    period_max: float | None
+    error_final: float | None
+    rmse: Mapping[str, float]
+    inclusion_margin: float | None
+    diverged: bool
+    left_domain: bool
+    stopped: str | None = None
+
+    def document(self) -> dict[str, Any]:
+        return {
+            "measurements": self.measurements, "period_min": self.period_min, "period_max": self.period_max,
+            "error_final": self.error_final, "rmse": dict(self.rmse), "inclusion_margin": self.inclusion_margin,
+            "diverged": self.diverged, "left_domain": self.left_domain, "stopped": self.stopped,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Run:
+    """All runs of one simulation."""
+
+    trajectories: tuple[Trajectory, ...]
+    summaries: tuple[RunSummary, ...]
+    overall: RunSummary
+    digests: Mapping[str, str] = field(default_factory=dict)
+
+    def document(self) -> dict[str, Any]:
+        return {
+            "schema_version": 1, "runs": [summary.document() for summary in self.summaries],
+            "overall": self.overall.document(), "digests": dict(self.digests),
+        }  # fmt: skip
