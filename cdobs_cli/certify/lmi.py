@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal
 
 from cdobs_cli.design import SolverRecord
 
@@ -61,13 +61,16 @@ def diagonal(size: int) -> Unknown:
     return Unknown("diagonal", size, size)
 
 
-class SparseColumns(NamedTuple):
+@dataclass(frozen=True)
+class SparseColumns:
     """A compressed-column matrix with the attributes Clarabel reads (scipy.sparse takes long to import)."""
 
     data: Any
     indices: Any
     indptr: Any
     shape: tuple[int, int]
+    has_canonical_format: bool = True
+    has_sorted_indices: bool = True
 
 
 @dataclass(frozen=True)
@@ -99,7 +102,7 @@ class Program:
     def _split(self, x: Array) -> dict[str, Array]:
         values, start = {}, 0
         for name, unknown in self.unknowns.items():
-            values[name] = unknown.matrix(x[start : start + unknown.size])
+            values[name] = unknown.matrix(x[start : start + unknown.size].copy())
             start += unknown.size
         return values
 

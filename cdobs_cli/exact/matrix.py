@@ -159,8 +159,8 @@ class Matrix:
         """Midpoints as floats."""
         import numpy as np
 
-        flat = [float(value.mid()) if isinstance(value, arb) else value.p / value.q for row in self.tolist() for value in row]
-        return np.array([float(value) for value in flat]).reshape(self.shape)
+        flat = [float(arb(value).mid()) for row in self.tolist() for value in row]
+        return np.array(flat).reshape(self.shape)
 
 
 def _positions(index: Any, size: int) -> list[int]:
