@@ -193,3 +193,49 @@ class Plant:
                 total = total + self.C[k, j].expression * Variable(prefix + name)
             rows.append(total)
         return tuple(rows)
+
+
+@dataclass(frozen=True)
+class CoordinateMap:
+    """A typed change of coordinates z = map(x), x = inverse(z): `map` over the states, `inverse` over `names`."""
+
+    names: tuple[str, ...]
+    map: tuple[Expression, ...]
+    inverse: tuple[Expression, ...]
+
+
+@dataclass(frozen=True)
+class TypedDynamics:
+    """A plant typed as xdot = f(x, u) + d, y = h(x) + v in the user's own states, before it is a Plant
+    (`cdobs_cli.coordinates.derive` makes one of it).
+
+    `coordinates`: a typed map, `lie` for z = (h, L_f h, .., L_f^(n-1) h), None where the states stay. `names`:
+    of the coordinates that the Plant is in (the states themselves where `coordinates` is None); the printed
+    `A`, `phi`, `B`, `C`, `slopes` are over them and None where nothing is printed. `domain` and `disturbance`
+    are in the user's states.
+    """
+
+    states: tuple[str, ...]
+    inputs: tuple[Input, ...]
+    dynamics: tuple[Expression, ...]
+    output: tuple[Expression, ...]
+    sampling: SamplingLaw
+    coordinates: CoordinateMap | Literal["lie"] | None = None
+    names: tuple[str, ...] = ()
+    A: ExactMatrix | None = None
+    phi: tuple[Expression, ...] | None = None
+    B: ExactMatrix | None = None
+    C: ExactMatrix | None = None
+    slopes: Slopes | None = None
+    domain: Domain = field(default_factory=Domain)
+    disturbance: Box | None = None
+    noise: Box | None = None
+
+
+def coordinate_names(n: int, taken: frozenset[str]) -> tuple[str, ...]:
+    """Names for transformed coordinates that nobody typed: x1 .. xn, or z, xi, eta where those are taken."""
+    for letter in ("x", "z", "xi", "eta"):
+        names = tuple(f"{letter}{i + 1}" for i in range(n))
+        if not taken & set(names):
+            return names
+    return tuple(f"{'_'.join(sorted(taken))}_{i + 1}" for i in range(n))
