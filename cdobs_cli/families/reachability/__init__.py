@@ -1,0 +1,108 @@
+"""The card of the family `reachability`: Lipschitz observers corrected at samples (Dinh2014).
+
+    between samples  x_hat' = A x_hat + phi(x_hat, u) + B u,    at samples  x_hat+ = x_hat + K (y_k - C x_hat)
+
+Notation: delta the period, V(t) the slopes of phi, M(delta) a matrix of the set that holds every
+Phi_V(delta), P or Q the Lyapunov matrix, W = P K.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
+
+from cdobs_cli.chart import Exhibits
+from cdobs_cli.errors import Problem
+from cdobs_cli.families.base import Family
+from cdobs_cli.families.fields import ExpressionInDelta, Rows
+
+if TYPE_CHECKING:
+    from cdobs_cli.certificate import Check
+    from cdobs_cli.design import Design
+    from cdobs_cli.exact.numbers import ExactMatrix
+    from cdobs_cli.hybrid import HybridInclusion, Observer
+    from cdobs_cli.plant import Plant
+    from cdobs_cli.run import Run, SimulationPlan
+
+MAX_STATES = 8
+# An entry of a matrix of the set: one expression in `delta`, or a list of the values it takes.
+Alternatives = Annotated[tuple[ExpressionInDelta, ...], Field(max_length=16)]
+SetEntry = Annotated[
+    Annotated[ExpressionInDelta, Tag("one value")] | Annotated[Alternatives, Tag("list of values")],
+    Discriminator(lambda value: "list of values" if isinstance(value, list | tuple) else "one value"),
+]
+SetRow = Annotated[tuple[SetEntry, ...], Field(max_length=MAX_STATES)]
+SetMatrix = Annotated[tuple[SetRow, ...], Field(max_length=MAX_STATES)]
+
+
+class Gain(BaseModel):
+    """A given gain: K, shape (n, p)."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+
+    K: Rows
+
+
+class MatrixSet(BaseModel):
+    """The set M typed out: matrices of expressions in `delta`. Where an entry is a list, the set holds
+    every combination of the listed values."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+
+    matrices: Annotated[tuple[SetMatrix, ...], Field(max_length=1024)]
+
+
+TypedSet = Annotated[
+    Annotated[Literal["clarke"], Tag("the word clarke")] | Annotated[MatrixSet, Tag("typed set")],
+    Discriminator(lambda value: "typed set" if isinstance(value, dict | MatrixSet) else "the word clarke"),
+]
+
+
+class Reachability(Family):
+    """`observer: {family: reachability, ..}`."""
+
+    source: ClassVar[str] = "Dinh2014"
+    example: ClassVar[str] = ""
+
+    family: Literal["reachability"] = "reachability"
+    objective: Literal["given_period", "max_period", "decay_rate"] = "given_period"
+    method: Literal["best", "set", "clock"] = "best"
+    set: TypedSet = "clarke"
+    gain: Gain | None = None
+
+    def problems(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:
+        from cdobs_cli.families.reachability.structure import problems
+
+        return problems(self, plant)
+
+    def synthesize(self, plant: Plant, effort: int) -> Design:
+        from cdobs_cli.families.reachability.synthesis import synthesize
+
+        return synthesize(self, plant, effort)
+
+    def certify(self, plant: Plant, design: Design, effort: int) -> Check:
+        from cdobs_cli.families.reachability.claims import certify
+
+        return certify(self, plant, design, effort)
+
+    def observer(self, plant: Plant, design: Design) -> Observer:
+        from cdobs_cli.families.reachability.observer import observer
+
+        return observer(plant, design)
+
+    def inclusion(self, plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
+        from cdobs_cli.families.reachability.observer import inclusion
+
+        return inclusion(plant, gain)
+
+    def exhibits(self, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
+        from cdobs_cli.families.reachability.exhibits import exhibits
+
+        return exhibits(plant, design, check, run)
+
+    def envelope(self, plant: Plant, design: Design, check: Check) -> Mapping[str, Any] | None:
+        from cdobs_cli.families.reachability.claims import envelope
+
+        return envelope(plant, design, check)
