@@ -1,0 +1,170 @@
+"""Enclosures: the spectral radius of a matrix in balls, and roots of continuous functions.
+
+Nothing here trusts a float: floats choose where to look, balls decide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+from typing import Any
+
+from flint import acb, acb_mat, arb
+
+from cdobs_cli.exact.matrix import Matrix
+
+_DOUBLINGS = 24
+
+
+def is_finite(M: Matrix) -> bool:
+    """Whether every entry is a bounded ball."""
+    return all(value.is_finite() for row in M.balls().tolist() for value in row)
+
+
+def frobenius(M: Matrix) -> arb:
+    """The Frobenius norm, enclosed: an upper bound of the spectral norm."""
+    total = arb(0)
+    for row in M.balls().tolist():
+        for value in row:
+            total += value * value
+    return total.sqrt() if total > 0 else total.abs_upper().sqrt()
+
+
+def eigenvalues(M: Matrix) -> list[acb] | None:
+    """Enclosures of all eigenvalues with multiplicity; None where the enclosure method gives up."""
+    if not is_finite(M):
+        return None
+    flat = [acb(value) for row in M.balls().tolist() for value in row]
+    size = M.shape[0]
+    try:
+        return list(acb_mat(size, size, flat).eig(multiple=True))
+    except (ValueError, ZeroDivisionError):
+        return None
+
+
+def determinant(M: Matrix) -> Any:
+    """det M: a rational for rational M, a ball otherwise."""
+    return M.data.det()
+
+
+def spectral_radius_lower(M: Matrix) -> arb:
+    """A number that is certainly not above rho(M) (0 where nothing better is known).
+
+    The largest of the least moduli of the eigenvalue enclosures, |det M|^(1/n) and |trace M| / n.
+    """
+    if not is_finite(M):
+        return arb(0)
+    size = M.shape[0]
+    best = arb(0)
+    bounds = [arb(M.trace()).abs_lower() / size]
+    modulus = arb(determinant(M)).abs_lower()
+    if modulus > 0:
+        bounds.append(modulus.root(size).lower())
+    bounds.extend(value.abs_lower() for value in eigenvalues(M) or ())
+    for bound in bounds:
+        if bound.is_finite() and bound > best:
+            best = bound.lower()
+    return best
+
+
+def has_spectral_radius_at_least(M: Matrix, radius: Any = 1) -> bool:
+    """Whether rho(M) >= radius > 0 is proved.
+
+    With p(s) = det(s I - M): a real eigenvalue >= radius exists if p(radius) <= 0, one <= -radius if
+    (-1)^n p(-radius) <= 0 (p is monic, so both change sign further out); for pairs, the eigenvalue
+    enclosures; |det M| >= radius^n and |trace M| >= n radius always suffice. Exact for rational M.
+    """
+    if not is_finite(M):
+        return False
+    size = M.shape[0]
+    identity = Matrix.identity(size)
+    sign = -1 if size % 2 else 1
+    if arb(determinant(identity * radius - M)) <= 0:
+        return True
+    if arb(determinant(identity * radius + M)) <= 0:  # det(r I + M) = (-1)^n p(-r)
+        return True
+    if arb(determinant(M)) * sign >= arb(radius) ** size or arb(determinant(M)) * -sign >= arb(radius) ** size:
+        return True
+    return bool(spectral_radius_lower(M) >= arb(radius))
+
+
+def has_spectral_radius_below(M: Matrix, radius: Any = 1) -> bool:
+    """Whether rho(M) < radius is proved: |(M / radius)^(2^k)| < 1 for some k, in balls."""
+    if not is_finite(M):
+        return False
+    power = M.balls() / radius
+    for _ in range(_DOUBLINGS):
+        norm = frobenius(power)
+        if not norm.is_finite() or norm > 1e100:
+            return False
+        if norm < 1:
+            return True
+        power = power @ power
+    return False
+
+
+def spectral_radius_upper(M: Matrix) -> arb:
+    """A number that is certainly not below rho(M): the least |M^(2^k)|^(1/2^k) met."""
+    if not is_finite(M):
+        return arb("inf")
+    power, exponent = M.balls(), 1
+    best = frobenius(power).upper()
+    for _ in range(_DOUBLINGS):
+        power, exponent = power @ power, 2 * exponent
+        if not is_finite(power):
+            break
+        norm = frobenius(power).upper()
+        bound = norm.root(exponent).upper() if norm > 0 else arb(0)
+        if bound < best:
+            best = bound
+        if norm < 1e-60 or norm > 1e60:
+            break
+    return best
+
+
+def is_hurwitz_unstable(M: Matrix) -> bool:
+    """Whether some eigenvalue of M with real part >= 0 is proved (the flow of M does not decay).
+
+    For rational M exactly: det(-M) <= 0 means a real eigenvalue >= 0; trace M >= 0 means some real part >= 0.
+    """
+    if not is_finite(M):
+        return False
+    if arb(M.trace()) >= 0 or arb(determinant(-M)) <= 0:
+        return True
+    return any(value.real >= 0 for value in eigenvalues(M) or ())
+
+
+def root_between(function: Callable[[arb], arb], low: Fraction, high: Fraction, width: Fraction) -> tuple[Fraction, Fraction] | None:
+    """Ends (a, b), b - a <= width, with certainly different signs of a continuous function at a and b.
+
+    Bisects on proved signs; None where the signs at `low` and `high` are not proved to differ, or where
+    balls cannot tell a sign before the width is reached.
+    """
+
+    def sign(point: Fraction) -> int:
+        value = function(ball(point))
+        return 1 if value > 0 else -1 if value < 0 else 0
+
+    at_low, at_high = sign(low), sign(high)
+    if at_low * at_high >= 0:
+        return None
+    while high - low > width:
+        middle = (low + high) / 2
+        at_middle = sign(middle)
+        if at_middle == 0:  # on the root to working precision: step aside
+            middle = low + (high - low) * Fraction(3, 8)
+            at_middle = sign(middle)
+            if at_middle == 0:
+                return None
+        if at_middle == at_low:
+            low = middle
+        else:
+            high = middle
+    return low, high
+
+
+def ball(value: Fraction) -> arb:
+    """The ball of a rational."""
+    from cdobs_cli.exact.functions import fraction_ball
+
+    return fraction_ball(value)

@@ -1,0 +1,251 @@
+"""Counterexamples: a slope history V(t) inside the box, and sampling periods inside the law, that one gain
+does not survive.
+
+Over a word of sampling periods the error is multiplied by the monodromy matrix
+
+    M = J Phi_m .. J Phi_1,    Phi = product of exp((base + sum_k v_k left_k right_k) s) over the arcs of a period;
+
+repeated for ever it keeps some error from converging when rho(M) >= 1. Floats search, balls prove
+(`refutes`). Such a witness is about the slope class: some plant with these slopes defeats the gain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+from flint import arb
+
+from cdobs_cli.certificate import Witness
+from cdobs_cli.certify.ball import has_spectral_radius_at_least, spectral_radius_lower
+from cdobs_cli.exact.expression import ExpressionError
+from cdobs_cli.exact.matrix import Matrix
+from cdobs_cli.exact.numbers import Exact, lower_text
+from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
+from cdobs_cli.plant import SamplingLaw
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+_ALL_CORNERS = 10  # up to 2^10 corners are all tried, beyond that an ascent picks some
+_SLACK = 1e-7  # how far below 1 a float spectral radius may be for a proof to be tried
+
+
+@dataclass(frozen=True)
+class Arc:
+    """A constant slope vector (order: `inclusion.entries`) kept for `length` time units."""
+
+    length: Exact
+    values: tuple[Exact, ...]
+
+
+@dataclass(frozen=True)
+class Word:
+    """Sampling periods, each a sequence of arcs; repeated for ever."""
+
+    periods: tuple[tuple[Arc, ...], ...]
+
+    def witness(self, inclusion: HybridInclusion, multiplier: arb) -> Witness:
+        """The word as data: arc lengths, slope values, and how many arcs each sampling period has."""
+        arcs = [arc for period in self.periods for arc in period]
+        return Witness(
+            "constant" if len(arcs) == 1 else "switching",
+            "class",
+            tuple(str(arc.length) for arc in arcs),
+            tuple(tuple(str(value) for value in arc.values) for arc in arcs),
+            lower_text(multiplier),
+            inclusion.entries,
+            {"arcs": [len(period) for period in self.periods]},
+        )
+
+    @staticmethod
+    def from_witness(witness: Witness) -> Word:
+        """Raises: ValueError, KeyError, TypeError, ExpressionError on what `witness` did not write."""
+        arcs = [Arc(Exact(t), tuple(Exact(v) for v in values)) for t, values in zip(witness.times, witness.values, strict=True)]
+        counts = [int(count) for count in witness.data["arcs"]]
+        if sum(counts) != len(arcs) or min(counts, default=0) < 1:
+            raise ValueError("the arcs of a word fill its sampling periods")
+        starts = [sum(counts[:k]) for k in range(len(counts))]
+        return Word(tuple(tuple(arcs[start : start + count]) for start, count in zip(starts, counts, strict=True)))
+
+
+def refute(inclusion: HybridInclusion, effort: int) -> Witness | None:
+    """A proved counterexample under the inclusion's sampling law, or None.
+
+    Tries constant slopes at the corners of the box, at the periods the law contains.
+    """
+    for word in _constant_words(inclusion, effort):
+        multiplier = prove(inclusion, word)
+        if multiplier is not None:
+            return word.witness(inclusion, multiplier)
+    return None
+
+
+def refutes(inclusion: HybridInclusion, witness: Witness) -> bool:
+    """Whether a stored witness defeats this inclusion: slopes in the box, periods in the law, rho(M) >= 1."""
+    if witness.kind not in ("constant", "switching") or witness.entries != inclusion.entries:
+        return False
+    try:
+        word = Word.from_witness(witness)
+    except (ValueError, KeyError, TypeError, ExpressionError):
+        return False
+    return prove(inclusion, word) is not None
+
+
+def prove(inclusion: HybridInclusion, word: Word) -> arb | None:
+    """A lower bound of rho(M) where rho(M) >= 1 is proved for an admissible word; None otherwise."""
+    if not all(_admissible(inclusion, period) for period in word.periods):
+        return None
+    M = monodromy(inclusion.balls, word)
+    if not has_spectral_radius_at_least(M):
+        return None
+    bound = spectral_radius_lower(M)
+    return bound if bound > 1 else arb(1)
+
+
+def monodromy(maps: ErrorMaps[Matrix], word: Word) -> Matrix:
+    """M = J Phi_m .. J Phi_1 in balls."""
+    total = Matrix.identity(maps.base.shape[0])
+    for period in word.periods:
+        for arc in period:
+            total = maps.flow(tuple(_scalar(value) for value in arc.values)).exp(_scalar(arc.length)) @ total
+        total = maps.jump @ total
+    return total
+
+
+def _scalar(value: Exact) -> Any:
+    return value.ball() if value.rational is None else value.rational
+
+
+def _admissible(inclusion: HybridInclusion, period: tuple[Arc, ...]) -> bool:
+    """Whether the slopes certainly lie in the box, and the arcs fill a period of the law."""
+    slopes = inclusion.plant.slopes
+    for arc in period:
+        if arc.length.sign() != 1 or len(arc.values) != len(inclusion.entries):
+            return False
+        for value, entry in zip(arc.values, inclusion.entries, strict=True):
+            if not (_at_most(slopes.lower[entry], value) and _at_most(value, slopes.upper[entry])):
+                return False
+    length = period[0].length
+    for arc in period[1:]:
+        length = length + arc.length
+    return _at_most(inclusion.sampling.T_min, length) and _at_most(length, inclusion.sampling.T_max)
+
+
+def _at_most(low: Exact, high: Exact) -> bool:
+    return low == high or (high - low).sign() in (0, 1)
+
+
+def _constant_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
+    """Constant corners, the most unstable in floats first, at each period worth a try."""
+    import numpy as np
+
+    maps = inclusion.floats
+    corners = list(candidate_corners(inclusion))
+    if not _finite(maps):
+        return
+    flows = np.array([maps.flow(_floats(inclusion, corner)) for corner in corners])
+    found = []
+    for T in candidate_periods(inclusion.sampling, effort):
+        for corner, rho in zip(corners, spectral_radii(maps.jump @ exponentials(flows * float(T))), strict=True):
+            if rho >= 1 - _SLACK:
+                found.append((rho, T, corner))
+    found.sort(key=lambda item: -item[0])
+    for _, T, corner in found[:8]:
+        yield Word(((Arc(T, _values(inclusion, corner)),),))
+
+
+def candidate_periods(law: SamplingLaw, effort: int) -> list[Exact]:
+    """Periods of the law worth a try: its ends, and for an interval some between (0 is never used: a law
+    from 0 contains arbitrarily short periods, not the period 0)."""
+    ends = [T for T in (law.T_max, law.T_min) if T.sign() == 1]
+    if law.T_min == law.T_max or not ends:
+        return ends[:1]
+    low, high = law.T_min.rational, law.T_max.rational
+    if low is None or high is None:
+        return ends
+    count = 4 * 2**effort
+    between = [Exact(low + (high - low) * Fraction(k, count)) for k in range(1, count)]
+    return ends + between
+
+
+def candidate_corners(inclusion: HybridInclusion) -> Iterator[tuple[bool, ...]]:
+    """Corners of the slope box (True: upper end): all of them while few, else those with one or two
+    sign patterns by rows, and an ascent of the spectral radius from them."""
+    import numpy as np
+
+    count = len(inclusion.entries)
+    if count <= _ALL_CORNERS:
+        yield from product((False, True), repeat=count)
+        return
+    maps = inclusion.floats
+    T = float(inclusion.sampling.T_max)
+
+    def radii(batch: list[tuple[bool, ...]]) -> Array:
+        flows = np.array([maps.flow(_floats(inclusion, corner)) for corner in batch])
+        return spectral_radii(maps.jump @ exponentials(flows * T))
+
+    starts = [(False,) * count, (True,) * count, tuple(k % 2 == 0 for k in range(count)), tuple(i <= j for i, j in inclusion.entries)]
+    for start in starts:
+        best, value = start, float(radii([start])[0])
+        for _ in range(3):
+            flips = [tuple(bit != (k == flip) for k, bit in enumerate(best)) for flip in range(count)]
+            values = radii(flips)
+            top = int(np.argmax(values))
+            if not values[top] > value:
+                break
+            best, value = flips[top], float(values[top])
+        yield best
+    yield from starts
+
+
+def _values(inclusion: HybridInclusion, corner: tuple[bool, ...]) -> tuple[Exact, ...]:
+    slopes = inclusion.plant.slopes
+    return tuple((slopes.upper if up else slopes.lower)[entry] for up, entry in zip(corner, inclusion.entries, strict=True))
+
+
+def _floats(inclusion: HybridInclusion, corner: tuple[bool, ...]) -> tuple[float, ...]:
+    return tuple(float(value) for value in _values(inclusion, corner))
+
+
+def _finite(maps: ErrorMaps[Any]) -> bool:
+    import numpy as np
+
+    parts = (maps.base, maps.jump, *maps.left, *maps.right, np.array(maps.lower), np.array(maps.upper))
+    return all(bool(np.all(np.isfinite(part))) for part in parts)
+
+
+def exponentials(batch: Array) -> Array:
+    """exp of each matrix of a stack (k, N, N), in floats: scaling, a Taylor polynomial, squaring."""
+    import numpy as np
+
+    norms = np.abs(batch).sum(axis=-1).max(axis=-1) if batch.size else np.zeros(len(batch))
+    squarings = int(max(0, np.ceil(np.log2(max(norms.max(initial=0.0), 1e-300))) + 3))
+    if squarings > 40:  # overflow or far beyond any use
+        return np.full_like(batch, np.nan)
+    scaled = batch / 2.0**squarings
+    identity = np.broadcast_to(np.eye(batch.shape[-1]), batch.shape)
+    total = identity.copy()
+    for k in range(14, 0, -1):
+        total = identity + scaled @ total / k
+    with np.errstate(all="ignore"):
+        for _ in range(squarings):
+            total = total @ total
+    return total
+
+
+def spectral_radii(batch: Array) -> Array:
+    """rho of each matrix of a stack in floats; infinite where an entry is."""
+    import numpy as np
+
+    finite = np.isfinite(batch).all(axis=(-1, -2))
+    radii = np.full(len(batch), np.inf)
+    if finite.any():
+        radii[finite] = np.abs(np.linalg.eigvals(batch[finite])).max(axis=-1)
+    return radii

@@ -1,0 +1,108 @@
+import math
+
+import numpy as np
+import pytest
+from example_inclusions import aperiodic, canonical, held, impulsive, periodic, plant
+
+from cdobs_cli.certificate import Witness
+from cdobs_cli.certify.bracket import largest_proved, smallest_refuted
+from cdobs_cli.certify.falsify import exponentials, refute, refutes
+from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.hybrid import HybridInclusion
+
+
+def at(inclusion: HybridInclusion):
+    return lambda T: HybridInclusion(
+        inclusion.assemble, inclusion.plant, inclusion.gain, inclusion.sampling.with_period(T), inclusion.entries
+    )
+
+
+def test_exponentials_agree_with_scipy():
+    from scipy.linalg import expm
+
+    rng = np.random.default_rng(1)
+    batch = rng.standard_normal((20, 4, 4)) * np.logspace(-3, 1, 20)[:, None, None]
+    for M, exp in zip(batch, exponentials(batch), strict=True):
+        assert np.allclose(exp, expm(M), rtol=1e-9, atol=1e-9 * np.abs(exp).max())
+
+
+def test_printed_dinh_gain_is_refuted_and_its_negative_is_not():
+    """Dinh2014, Section IV prints K = -[1, 1.8361] for the correction +K (y - C x_hat)."""
+    pendulum = canonical([1, 0], periodic("0.668"))
+    witness = refute(impulsive(pendulum, [["-1"], ["-1.8361"]]), 0)
+    assert witness is not None
+    assert float(witness.multiplier) == pytest.approx(4.577, abs=5e-4)
+    assert refute(impulsive(pendulum, [["1"], ["1.8361"]]), 1) is None
+
+
+def test_a_witness_is_replayed_and_a_changed_one_is_not():
+    inclusion = impulsive(canonical([1, 0], periodic("2.5")), [["1"], ["0.7"]])
+    witness = refute(inclusion, 0)
+    assert refutes(inclusion, Witness.from_document(witness.document()))
+    document = witness.document()
+    for change in (
+        {"times": ["2.4"]},  # not a period of the law
+        {"values": [["1.01"]]},  # outside the box
+        {"entries": [[1, 1]]},
+        {"data": {"arcs": [2]}},
+        {"data": {}},
+    ):
+        assert not refutes(inclusion, Witness.from_document({**document, **change}))
+
+
+def test_boukal_gain_at_a_constant_slope():
+    """e(t_k + T) = (exp(A T) - int_0^T exp(A s) ds L C) e(t_k) at psi = -0.3: an eigenvalue reaches -1 first."""
+    made = plant([[0, 1], [0, 0]], [[0, 0], ["-0.3", 0]], [[0, 0], ["0.3", 0]], [[1, 0]], periodic("0.1"))
+    inclusion = held(made, [["8.71870"], ["7.05704"]])
+
+    def rho(T):
+        w = math.sqrt(0.3)
+        c, s = math.cos(w * T), math.sin(w * T)
+        Phi = np.array([[c, s / w], [-w * s, c]])
+        integral = np.array([[s / w, (1 - c) / 0.3], [c - 1, s / w]])
+        return abs(np.linalg.eigvals(Phi - integral @ np.array([[8.7187, 0], [7.05704, 0]]))).max()
+
+    assert rho(0.22909) < 1 < rho(0.229092)
+    assert refute(at(inclusion)(Exact("0.22909")), 0) is None
+    found = refute(at(inclusion)(Exact("0.229092")), 0)
+    assert found is not None
+    assert found.values == (("-0.3",),)
+    T, _ = smallest_refuted(at(inclusion), Exact("0.1"), 0)
+    assert 0.22909 <= float(T) <= 0.22909 * 1.0001
+
+
+def test_linear_double_integrator_limit():
+    """e+ = (I - K C) exp(A T) e is stable for K1 = 1, K2 T < 2 only: the trace is 1 - K2 T."""
+    inclusion = impulsive(canonical([0, 0], periodic("0.1")), [["1"], ["0.8"]])
+    T, witness = smallest_refuted(at(inclusion), None, 1)
+    assert 2.5 <= float(T) <= 2.5 * 1.0001
+    assert witness.values == ((),)
+
+
+def test_aperiodic_laws_use_their_short_periods_too():
+    """Constant periods 3 survive, 1 do not: a law that contains both is refuted by 1."""
+    oscillator = [[0, 1], [-1, 0]]
+    zero = [[0, 0], [0, 0]]
+    gain = [["1"], ["1.2"]]
+
+    def survives(sampling):
+        return refute(impulsive(plant(oscillator, zero, zero, [[1, 0]], sampling), gain), 1) is None
+
+    # rho = |cos T - 1.2 sin T|
+    assert abs(math.cos(1.0) - 1.2 * math.sin(1.0)) < 1 < abs(math.cos(2.2) - 1.2 * math.sin(2.2))
+    assert survives(periodic("1"))
+    assert not survives(periodic("2.2"))
+    assert not survives(aperiodic("1", "2.2"))
+    assert survives(periodic("3.2")) == (abs(math.cos(3.2) - 1.2 * math.sin(3.2)) < 1)
+    assert not survives(aperiodic("2.2", "3.2"))
+
+
+def test_hold_from_zero_is_not_refuted_by_the_period_zero():
+    inclusion = held(plant([[-1]], [[0]], [[0]], [[1]], aperiodic(0, "0.1")), [["1"]])
+    assert refute(inclusion, 2) is None
+
+
+def test_largest_proved_bisects_on_proofs_only():
+    found = largest_proved(lambda T: "yes" if float(T) < 1.2345 else None, Exact("0.001"), Exact(100), 1e-6)
+    assert found[1] == "yes" and 1.2345 * (1 - 2e-6) < float(found[0]) < 1.2345
+    assert largest_proved(lambda T: None, Exact(1), Exact(2), 1e-3) is None
