@@ -5,7 +5,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from cdobs_cli.exact.expression import Expression
@@ -162,6 +163,20 @@ class Plant:
         return all(self.A[i, j].sign() == 0 for i in range(n) for j in range(i)) and all(
             j >= i for i, j in self.slopes.entries
         )
+
+    def with_slopes(self, found: Mapping[str, tuple[str, str]]) -> Plant:
+        """The plant with slopes declared `auto` replaced by bounds found: {"i.j": (lower, upper)}, from 1.
+
+        Raises: KeyError where an `auto` entry has no bound.
+        """
+        if not self.slopes.auto:
+            return self
+        lower = [list(row) for row in self.slopes.lower.rows]
+        upper = [list(row) for row in self.slopes.upper.rows]
+        for i, j in self.slopes.auto:
+            low, high = found[f"{i + 1}.{j + 1}"]
+            lower[i][j], upper[i][j] = Exact(low), Exact(high)
+        return replace(self, slopes=Slopes(ExactMatrix(lower), ExactMatrix(upper)))
 
     def right_hand_side(self, prefix: str = "", *, disturbed: bool = False) -> tuple[Expression, ...]:
         """A x + phi(x, u) + B u (+ d) as expressions over the names `prefix + state`, the inputs, and

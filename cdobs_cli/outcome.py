@@ -1,0 +1,73 @@
+"""What a command has to say of one spec, whatever the format it is printed in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from cdobs_cli.errors import ExitCode, Problem
+
+ResultStatus = Literal["ok", "finding", "invalid", "failed"]
+Severity = Literal["error", "warning", "note"]
+EXIT_CODES: dict[ResultStatus, ExitCode] = {
+    "ok": ExitCode.HOLDS,
+    "finding": ExitCode.FINDING,
+    "invalid": ExitCode.INVALID,
+    "failed": ExitCode.FAILED,
+}
+
+
+@dataclass(frozen=True)
+class Message:
+    """One sentence about one place of a spec. `rule` names what raised it: a claim id, `expect`, `spec`."""
+
+    severity: Severity
+    text: str
+    file: str | None = None
+    line: int | None = None
+    column: int | None = None
+    field: str | None = None
+    rule: str = "spec"
+
+    @staticmethod
+    def from_problem(problem: Problem) -> Message:
+        return Message("error", problem.text, problem.file, problem.line, problem.column, problem.path)
+
+    def __str__(self) -> str:
+        where = ":".join(str(part) for part in (self.file, self.line, self.column) if part is not None)
+        return ": ".join(part for part in (where, self.field, self.text) if part)
+
+    def document(self) -> dict[str, Any]:
+        return {
+            "severity": self.severity, "file": self.file, "line": self.line, "column": self.column,
+            "field": self.field, "text": self.text,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Result:
+    """One spec's outcome: status, messages, and the artefacts as documents (None where there are none)."""
+
+    spec: str
+    status: ResultStatus
+    messages: tuple[Message, ...] = ()
+    design: dict[str, Any] | None = None
+    check: dict[str, Any] | None = None
+    simulation: dict[str, Any] | None = None
+    summary: tuple[str, ...] = field(default=())
+    seconds: float = 0.0
+
+    @property
+    def exit_code(self) -> ExitCode:
+        return EXIT_CODES[self.status]
+
+    def document(self) -> dict[str, Any]:
+        return {
+            "spec": self.spec, "status": self.status, "messages": [message.document() for message in self.messages],
+            "design": self.design, "check": self.check, "simulation": self.simulation,
+        }  # fmt: skip
+
+
+def exit_code(results: list[Result]) -> ExitCode:
+    """The largest of all."""
+    return max((result.exit_code for result in results), default=ExitCode.INVALID)
