@@ -291,13 +291,19 @@ def call(function: str, *arguments: Expression) -> Expression:
     return Call(function, arguments)
 
 
-def parse(text: str, names: frozenset[str] = frozenset(), known: Mapping[str, Expression] | None = None) -> Expression:
+def parse(
+    text: str,
+    names: frozenset[str] = frozenset(),
+    known: Mapping[str, Expression] | None = None,
+    functions: Mapping[str, tuple[int, ...]] = TYPED_FUNCTIONS,
+) -> Expression:
     """Read a typed expression.
 
     Args:
         text: ASCII, at most 2000 characters.
         names: the variables that may occur.
         known: names that stand for closed expressions (parameters).
+        functions: the functions that may be called, with their numbers of arguments.
     Raises:
         ExpressionError: with what is wrong and where in the text.
     """
@@ -316,7 +322,7 @@ def parse(text: str, names: frozenset[str] = frozenset(), known: Mapping[str, Ex
         raise ExpressionError("an expression is expected, the text is empty")
     try:
         tree = ast.parse(source, mode="eval").body
-        return _Reader(source, names, known or {}).read(tree, 0)
+        return _Reader(source, names, known or {}, functions).read(tree, 0)
     except ExpressionError:
         raise
     except SyntaxError as error:
@@ -326,8 +332,10 @@ def parse(text: str, names: frozenset[str] = frozenset(), known: Mapping[str, Ex
 
 
 class _Reader:
-    def __init__(self, source: str, names: frozenset[str], known: Mapping[str, Expression]) -> None:
-        self.source, self.names, self.known = source, names, known
+    def __init__(
+        self, source: str, names: frozenset[str], known: Mapping[str, Expression], functions: Mapping[str, tuple[int, ...]]
+    ) -> None:
+        self.source, self.names, self.known, self.functions = source, names, known, functions
 
     def read(self, node: ast.expr, depth: int) -> Expression:
         if depth > MAX_DEPTH * 3:
@@ -393,15 +401,15 @@ class _Reader:
 
     def call(self, node: ast.Call, depth: int) -> Expression:
         name = node.func.id if isinstance(node.func, ast.Name) else None
-        if name is None or name not in TYPED_FUNCTIONS:
+        if name is None or name not in self.functions:
             shown = name or ast.get_source_segment(self.source, node.func) or "?"
             raise ExpressionError(
-                f"unknown function {shown!r}{nearest(shown, TYPED_FUNCTIONS)}; known: {', '.join(TYPED_FUNCTIONS)}", node.col_offset
+                f"unknown function {shown!r}{nearest(shown, self.functions)}; known: {', '.join(self.functions)}", node.col_offset
             )
         if node.keywords or any(isinstance(argument, ast.Starred) for argument in node.args):
             raise ExpressionError(f"{name} takes plain arguments", node.col_offset)
-        if len(node.args) not in TYPED_FUNCTIONS[name]:
-            counts = " or ".join(str(count) for count in TYPED_FUNCTIONS[name])
+        if len(node.args) not in self.functions[name]:
+            counts = " or ".join(str(count) for count in self.functions[name])
             raise ExpressionError(f"{name} takes {counts} argument(s), got {len(node.args)}", node.col_offset)
         arguments = [self.read(argument, depth + 1) for argument in node.args]
         if name == "sat" and len(arguments) == 1:

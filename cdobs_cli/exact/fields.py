@@ -1,0 +1,218 @@
+"""Exact values as pydantic fields: what a family's card and the spec's blocks are declared with.
+
+    gain: RealMatrix | None = None          period: PositiveReal          c: Annotated[Expression, formula("states")]
+
+Validation takes a context (a dict) with `parameters` (name -> closed Expression), `states` and `inputs`
+(names): parameters may stand in every number and formula. Nothing here loads numpy, nor flint while every
+constant is rational.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+from fractions import Fraction
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BeforeValidator, GetCoreSchemaHandler, PlainValidator, ValidationInfo, WithJsonSchema
+from pydantic_core import PydanticCustomError, core_schema
+
+from cdobs_cli.exact.expression import (
+    CONSTANTS,
+    TYPED_FUNCTIONS,
+    Call,
+    Expression,
+    ExpressionError,
+    Number,
+    Power,
+    Variable,
+    parse,
+)
+from cdobs_cli.exact.numbers import Exact, ExactMatrix
+
+MAX_ROWS = 256
+MAX_TREE = 20_000
+MAX_TREE_DEPTH = 400
+LARGEST = Fraction(10) ** 100
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+
+
+def wrong(what: str) -> PydanticCustomError:
+    """The error of a value that has the right type and the wrong content."""
+    return PydanticCustomError("value", "{what}", {"what": what})
+
+
+def bounded(expression: Expression) -> Expression:
+    """The expression, unless it is too large, or a constant in it is undefined or beyond 1e-100..1e100.
+
+    Raises:
+        ExpressionError: with what is wrong.
+    """
+    size: dict[Expression, tuple[int, int]] = {}
+    for node in expression.walk():
+        inner = [size[child] for child in node.children]
+        size[node] = (1 + sum(count for count, _ in inner), 1 + max((depth for _, depth in inner), default=0))
+        if size[node][0] > MAX_TREE or size[node][1] > MAX_TREE_DEPTH:
+            raise ExpressionError("an expression that is too large once its parameters are put in")
+    closed: dict[Expression, bool] = {}
+    for node in expression.walk():
+        closed[node] = not isinstance(node, Variable) and all(closed[child] for child in node.children)
+        if isinstance(node, Number):
+            _check_magnitude(node.value)
+    outermost = {child for node in closed if not closed[node] for child in node.children if closed[child]}
+    for node in outermost | ({expression} if closed[expression] else set()):
+        if isinstance(node, Call | Power):
+            ball = node.ball({})
+            if not ball.is_finite():
+                raise ExpressionError(f"{node} has no finite value")
+            if float(abs(ball).lower()) > 1e100:
+                raise ExpressionError("a number beyond 1e100")
+    return expression
+
+
+def _check_magnitude(value: Fraction) -> None:
+    if abs(value) > LARGEST:
+        raise ExpressionError("a number beyond 1e100")
+    if value and abs(value) * LARGEST < 1:
+        raise ExpressionError("a number below 1e-100 that is not zero")
+
+
+def _context(info: ValidationInfo, key: str) -> Any:
+    return (info.context or {}).get(key)
+
+
+def read_expression(
+    text: str,
+    names: Iterable[str],
+    known: Mapping[str, Expression],
+    functions: Mapping[str, tuple[int, ...]] = TYPED_FUNCTIONS,
+) -> Expression:
+    """Parse and bound an expression; its mistakes become field errors.
+
+    Raises:
+        PydanticCustomError: with what is wrong.
+    """
+    try:
+        return bounded(parse(text, frozenset(names), known, functions))
+    except ExpressionError as error:
+        place = f" (at character {error.offset + 1})" if error.offset else ""
+        raise wrong(f"{error}{place}") from None
+
+
+def _real(value: Any, info: ValidationInfo) -> Exact:
+    if isinstance(value, Exact):
+        return value
+    if isinstance(value, bool) or not isinstance(value, int | str | Fraction):
+        raise wrong("a number is expected")
+    if not isinstance(value, str):
+        return Exact(bounded(Number(value)))
+    return Exact(read_expression(value, (), _context(info, "parameters") or {}))
+
+
+def _positive(value: Exact) -> Exact:
+    if value.sign() != 1:
+        raise wrong("a positive number is expected")
+    return value
+
+
+def _not_negative(value: Exact) -> Exact:
+    if value.sign() not in (0, 1):
+        raise wrong("a number that is not negative is expected")
+    return value
+
+
+_NUMBER_SCHEMA = WithJsonSchema(
+    {"anyOf": [{"type": "number"}, {"type": "string"}], "description": 'A number, or a constant expression in quotes: "sqrt(2)", "1/8".'}
+)
+Real = Annotated[Exact, PlainValidator(_real), _NUMBER_SCHEMA]
+"""A real number, exact: a decimal, an integer, or a constant expression as text."""
+PositiveReal = Annotated[Real, AfterValidator(_positive)]
+NonNegativeReal = Annotated[Real, AfterValidator(_not_negative)]
+
+
+def sized(smallest: int, largest: int) -> BeforeValidator:
+    """A list of so many entries; told once, whatever its entries are."""
+
+    def check(value: Any) -> Any:
+        if isinstance(value, list | tuple) and not smallest <= len(value) <= largest:
+            raise wrong(f"a list of {smallest} to {largest} entries is expected, this one has {len(value)}")
+        return value
+
+    return BeforeValidator(check)
+
+
+RealVector = Annotated[tuple[Real, ...], sized(1, MAX_ROWS)]
+
+
+class _Through:
+    """A field read as one shape and turned into another type."""
+
+    def __init__(self, shape: Any, make: Callable[[Any], Any], back: Callable[[Any], Any]) -> None:
+        self.shape, self.make, self.back = shape, make, back
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        inner = core_schema.no_info_before_validator_function(self.back, handler.generate_schema(self.shape))
+        return core_schema.no_info_after_validator_function(self.make, inner)
+
+
+def _matrix(rows: tuple[tuple[Exact, ...], ...]) -> ExactMatrix:
+    if len({len(row) for row in rows}) != 1:
+        raise wrong(f"rows of one length are expected, these have {', '.join(str(len(row)) for row in rows)}")
+    return ExactMatrix(rows)
+
+
+RealMatrix = Annotated[
+    ExactMatrix,
+    _Through(
+        Annotated[tuple[RealVector, ...], sized(1, MAX_ROWS)],
+        _matrix,
+        lambda value: value.rows if isinstance(value, ExactMatrix) else value,
+    ),
+]
+"""A matrix of exact numbers: a list of rows of one length."""
+
+
+def formula(*names: str, functions: Mapping[str, tuple[int, ...]] = TYPED_FUNCTIONS) -> Any:
+    """Annotation of an Expression field: `Annotated[Expression, formula("states", "inputs")]`.
+
+    Args:
+        names: variables that may occur; `states` and `inputs` stand for the plant's, from the context.
+        functions: the functions that may be called, with their numbers of arguments.
+    """
+
+    def read(value: Any, info: ValidationInfo) -> Expression:
+        if isinstance(value, Expression):
+            return value
+        if isinstance(value, bool) or not isinstance(value, int | str):
+            raise wrong("an expression is expected")
+        text = str(value)
+        allowed: set[str] = set()
+        for name in names:
+            if name not in ("states", "inputs"):
+                allowed.add(name)
+            elif (listed := _context(info, name)) is not None:
+                allowed.update(listed)
+            else:
+                # Made in code, outside a spec: any name is taken.
+                allowed.update(set(_NAME.findall(text)) - {*functions, *CONSTANTS})
+        known = {name: value for name, value in (_context(info, "parameters") or {}).items() if name not in allowed}
+        return read_expression(text, allowed, known, functions)
+
+    return _Formula(read)
+
+
+class _Formula:
+    def __init__(self, read: Callable[[Any, ValidationInfo], Expression]) -> None:
+        self.read = read
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        return core_schema.with_info_plain_validator_function(self.read)
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        return {"anyOf": [{"type": "string"}, {"type": "number"}], "description": "An expression."}
+
+
+__all__ = [
+    "NonNegativeReal", "PositiveReal", "Real", "RealMatrix", "RealVector", "bounded", "formula",
+    "read_expression", "sized", "wrong",
+]  # fmt: skip
