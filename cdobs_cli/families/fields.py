@@ -1,91 +1,237 @@
-"""The values that cards take from YAML, as pydantic fields: exact numbers, matrices, expressions.
+"""The values that cards and spec blocks take from YAML, as pydantic fields: exact numbers, matrices, expressions.
 
-A number is typed as an int, a decimal or a constant expression in quotes; it becomes an `Exact`, never a
-float. Errors name the entry they are about.
+    gain: Rows | None = None          period: PositiveNumber          c: Annotated[Expression, formula("states")]
+
+A number is an int, a decimal or a constant expression in quotes; it becomes an `Exact`, never a float.
+Validation takes a context (a dict) with `parameters` (name -> closed Expression), `states` and `inputs`
+(names): parameters may stand in every number and formula. Nothing here loads numpy, nor flint while every
+constant is rational.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from decimal import Decimal
+import re
+from collections.abc import Callable, Iterable, Mapping
 from fractions import Fraction
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, WithJsonSchema
+from pydantic import AfterValidator, BeforeValidator, GetCoreSchemaHandler, PlainSerializer, PlainValidator, ValidationInfo, WithJsonSchema
+from pydantic_core import PydanticCustomError, core_schema
 
-from cdobs_cli.exact.expression import Expression, ExpressionError, parse
+from cdobs_cli.exact.expression import (
+    CONSTANTS,
+    TYPED_FUNCTIONS,
+    Call,
+    Expression,
+    ExpressionError,
+    Number,
+    Power,
+    Variable,
+    parse,
+)
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 
-MAX_ROWS = 64
+MAX_ROWS = 256
+MAX_TREE = 20_000
+MAX_TREE_DEPTH = 400
+LARGEST = Fraction(10) ** 100
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
-def read_exact(value: Any) -> Exact:
-    """An exact number from what a YAML reader or a caller gives.
+def wrong(what: str) -> PydanticCustomError:
+    """The error of a value that has the right type and the wrong content."""
+    return PydanticCustomError("value", "{what}", {"what": what})
+
+
+def bounded(expression: Expression) -> Expression:
+    """The expression, unless it is too large, or a constant in it is undefined or beyond 1e-100..1e100.
 
     Raises:
-        ValueError: not a finite number or constant expression.
+        ExpressionError: with what is wrong.
+    """
+    size: dict[Expression, tuple[int, int]] = {}
+    for node in expression.walk():
+        inner = [size[child] for child in node.children]
+        size[node] = (1 + sum(count for count, _ in inner), 1 + max((depth for _, depth in inner), default=0))
+        if size[node][0] > MAX_TREE or size[node][1] > MAX_TREE_DEPTH:
+            raise ExpressionError("an expression that is too large once its parameters are put in")
+    closed: dict[Expression, bool] = {}
+    for node in expression.walk():
+        closed[node] = not isinstance(node, Variable) and all(closed[child] for child in node.children)
+        if isinstance(node, Number):
+            _check_magnitude(node.value)
+    outermost = {child for node in closed if not closed[node] for child in node.children if closed[child]}
+    for node in outermost | ({expression} if closed[expression] else set()):
+        if isinstance(node, Call | Power):
+            ball = node.ball({})
+            if not ball.is_finite():
+                raise ExpressionError(f"{node} has no finite value")
+            if float(abs(ball).lower()) > 1e100:
+                raise ExpressionError("a number beyond 1e100")
+    return expression
+
+
+def _check_magnitude(value: Fraction) -> None:
+    if abs(value) > LARGEST:
+        raise ExpressionError("a number beyond 1e100")
+    if value and abs(value) * LARGEST < 1:
+        raise ExpressionError("a number below 1e-100 that is not zero")
+
+
+def _context(info: ValidationInfo, key: str) -> Any:
+    return (info.context or {}).get(key)
+
+
+def read_expression(
+    text: str,
+    names: Iterable[str],
+    known: Mapping[str, Expression],
+    functions: Mapping[str, tuple[int, ...]] = TYPED_FUNCTIONS,
+) -> Expression:
+    """Parse and bound an expression; its mistakes become field errors.
+
+    Raises:
+        PydanticCustomError: with what is wrong.
+    """
+    try:
+        return bounded(parse(text, frozenset(names), known, functions))
+    except ExpressionError as error:
+        place = f" (at character {error.offset + 1})" if error.offset else ""
+        raise wrong(f"{error}{place}") from None
+
+
+def read_exact(value: Any, parameters: Mapping[str, Expression] | None = None) -> Exact:
+    """An exact number from what a YAML reader or a caller gives; a float stands for its shortest decimal.
+
+    Raises:
+        PydanticCustomError: not a finite number or constant expression.
     """
     if isinstance(value, Exact):
         return value
-    if isinstance(value, bool) or not isinstance(value, int | float | str | Fraction | Decimal | Expression):
-        raise ValueError(f"a number is expected, got {value!r}")
-    if isinstance(value, float | Decimal):
-        if not math.isfinite(value):
-            raise ValueError(f"a finite number is expected, got {value!r}")
-        value = Fraction(repr(value)) if isinstance(value, float) else Fraction(value)
+    if isinstance(value, float) and math.isfinite(value):
+        value = repr(value)
+    if isinstance(value, bool) or not isinstance(value, int | str | Fraction | Expression):
+        raise wrong("a number is expected")
+    if isinstance(value, str):
+        return Exact(read_expression(value, (), parameters or {}))
     try:
-        exact = Exact(value)
-        finite = exact.rational is not None or bool(exact.ball().is_finite())
-    except (ExpressionError, ZeroDivisionError) as error:
-        raise ValueError(f"{error}, got {value!r}") from None
-    if not finite:
-        raise ValueError(f"a finite number is expected, got {value!r}")
-    return exact
+        return Exact(bounded(value if isinstance(value, Expression) else Number(value)))
+    except ExpressionError as error:
+        raise wrong(str(error)) from None
 
 
-def _read_matrix(value: Any) -> Any:
-    return value.rows if isinstance(value, ExactMatrix) else value
+def _read_number(value: Any, info: ValidationInfo) -> Exact:
+    return read_exact(value, _context(info, "parameters"))
 
 
-def _make_matrix(rows: tuple[tuple[Exact, ...], ...]) -> ExactMatrix:
-    # Lengths are judged here, once the entries are known to be good: an error is then reported once.
-    if not rows or not rows[0] or any(len(row) != len(rows[0]) for row in rows):
-        raise ValueError(f"a matrix has rows of one length, got rows of {', '.join(str(len(row)) for row in rows) or 'nothing'}")
+def _positive(value: Exact) -> Exact:
+    if value.sign() != 1:
+        raise wrong("a positive number is expected")
+    return value
+
+
+def _not_negative(value: Exact) -> Exact:
+    if value.sign() not in (0, 1):
+        raise wrong("a number that is not negative is expected")
+    return value
+
+
+_NUMBER_SCHEMA = WithJsonSchema(
+    {"anyOf": [{"type": "number"}, {"type": "string"}], "description": 'A number, or a constant expression in quotes: "sqrt(2)", "1/8".'}
+)
+ExactNumber = Annotated[Exact, PlainValidator(_read_number), PlainSerializer(str), _NUMBER_SCHEMA]
+"""A real number, exact: a decimal, an integer, or a constant expression as text."""
+PositiveNumber = Annotated[ExactNumber, AfterValidator(_positive)]
+NonNegativeNumber = Annotated[ExactNumber, AfterValidator(_not_negative)]
+
+
+def sized(smallest: int, largest: int) -> BeforeValidator:
+    """A list of so many entries; told once, whatever its entries are."""
+
+    def check(value: Any) -> Any:
+        if isinstance(value, list | tuple) and not smallest <= len(value) <= largest:
+            raise wrong(f"a list of {smallest} to {largest} entries is expected, this one has {len(value)}")
+        return value
+
+    return BeforeValidator(check)
+
+
+Vector = Annotated[tuple[ExactNumber, ...], sized(1, MAX_ROWS)]
+
+
+class _Through:
+    """A field read as one shape and turned into another type."""
+
+    def __init__(self, shape: Any, make: Callable[[Any], Any], back: Callable[[Any], Any]) -> None:
+        self.shape, self.make, self.back = shape, make, back
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        inner = core_schema.no_info_before_validator_function(self.back, handler.generate_schema(self.shape))
+        return core_schema.no_info_after_validator_function(self.make, inner)
+
+
+def _matrix(rows: tuple[tuple[Exact, ...], ...]) -> ExactMatrix:
+    if len({len(row) for row in rows}) != 1:
+        raise wrong(f"rows of one length are expected, these have {', '.join(str(len(row)) for row in rows)}")
     return ExactMatrix(rows)
 
 
-def _expression_reader(names: frozenset[str]) -> Callable[[Any], Expression]:
-    def read(value: Any) -> Expression:
+Rows = Annotated[
+    ExactMatrix,
+    _Through(
+        Annotated[tuple[Vector, ...], sized(1, MAX_ROWS)],
+        _matrix,
+        lambda value: value.rows if isinstance(value, ExactMatrix) else value,
+    ),
+    PlainSerializer(lambda matrix: matrix.texts()),
+]
+"""A matrix of exact numbers: a list of rows of one length."""
+
+
+def formula(*names: str, functions: Mapping[str, tuple[int, ...]] = TYPED_FUNCTIONS) -> Any:
+    """Annotation of an Expression field: `Annotated[Expression, formula("states", "inputs")]`.
+
+    Args:
+        names: variables that may occur; `states` and `inputs` stand for the plant's, from the context.
+        functions: the functions that may be called, with their numbers of arguments.
+    """
+
+    def read(value: Any, info: ValidationInfo) -> Expression:
         if isinstance(value, Expression):
-            if not value.variables <= names:
-                raise ValueError(f"an expression in {', '.join(sorted(names))} is expected, got {value}")
             return value
-        if not isinstance(value, str):
-            return read_exact(value).expression
-        try:
-            return parse(value, names)
-        except ExpressionError as error:
-            raise ValueError(f"{error}, got {value!r}") from None
+        if isinstance(value, bool) or not isinstance(value, int | str):
+            raise wrong("an expression is expected")
+        text = str(value)
+        allowed: set[str] = set()
+        for name in names:
+            if name not in ("states", "inputs"):
+                allowed.add(name)
+            elif (listed := _context(info, name)) is not None:
+                allowed.update(listed)
+            else:
+                # Made in code, outside a spec: any name is taken.
+                allowed.update(set(_NAME.findall(text)) - {*functions, *CONSTANTS})
+        known = {name: value for name, value in (_context(info, "parameters") or {}).items() if name not in allowed}
+        return read_expression(text, allowed, known, functions)
 
-    return read
+    return _Formula(read)
 
 
-_NUMBER_SCHEMA = WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}]})
+class _Formula:
+    def __init__(self, read: Callable[[Any, ValidationInfo], Expression]) -> None:
+        self.read = read
 
-if TYPE_CHECKING:
-    ExactNumber = Exact
-    Rows = ExactMatrix
-    ExpressionInDelta = Expression
-else:
-    ExactNumber = Annotated[Any, BeforeValidator(read_exact), PlainSerializer(str), _NUMBER_SCHEMA]
-    Rows = Annotated[
-        tuple[Annotated[tuple[ExactNumber, ...], Field(max_length=MAX_ROWS)], ...],
-        Field(max_length=MAX_ROWS),
-        BeforeValidator(_read_matrix),
-        AfterValidator(_make_matrix),
-        PlainSerializer(lambda matrix: matrix.texts()),
-    ]
-    ExpressionInDelta = Annotated[Any, BeforeValidator(_expression_reader(frozenset({"delta"}))), PlainSerializer(str), _NUMBER_SCHEMA]
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        return core_schema.with_info_plain_validator_function(self.read)
 
-__all__ = ["MAX_ROWS", "ExactNumber", "ExpressionInDelta", "Rows", "read_exact"]
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        return {"anyOf": [{"type": "string"}, {"type": "number"}], "description": "An expression."}
+
+
+ExpressionInDelta = Annotated[Expression, formula("delta"), PlainSerializer(str)]
+
+__all__ = [
+    "MAX_ROWS", "ExactNumber", "ExpressionInDelta", "NonNegativeNumber", "PositiveNumber", "Rows", "Vector", "bounded",
+    "formula", "read_exact", "read_expression", "sized", "wrong",
+]  # fmt: skip
