@@ -1,6 +1,6 @@
 """The plant, its measurement, and what is claimed of its slopes: exact entries, floats and balls as views.
 
-    xdot = A x + phi(x, u) + B u + d,    y_k = C x(t_k) + v_k,    lower_ij <= d phi_i / d x_j <= upper_ij
+xdot = A x + phi(x, u) + B u + d,    y_k = C x(t_k) + v_k,    lower_ij <= d phi_i / d x_j <= upper_ij
 """
 
 from __future__ import annotations
@@ -150,9 +150,7 @@ class Plant:
     def is_canonical(self) -> bool:
         """A a chain of integrators, C = [1 0 .. 0], slopes only in the last row (Dinh2014, Theorem III.2)."""
         n = self.n
-        chain = all(
-            self.A[i, j] == Exact(1 if j == i + 1 else 0) for i in range(n) for j in range(n)
-        )
+        chain = all(self.A[i, j] == Exact(1 if j == i + 1 else 0) for i in range(n) for j in range(n))
         first = self.p == 1 and all(self.C[0, j] == Exact(1 if j == 0 else 0) for j in range(n))
         return chain and first and all(i == n - 1 for i, _ in self.slopes.entries)
 
@@ -160,9 +158,7 @@ class Plant:
     def is_feedforward(self) -> bool:
         """A and every slope upper triangular (Dinh2014, Assumption 2)."""
         n = self.n
-        return all(self.A[i, j].sign() == 0 for i in range(n) for j in range(i)) and all(
-            j >= i for i, j in self.slopes.entries
-        )
+        return all(self.A[i, j].sign() == 0 for i in range(n) for j in range(i)) and all(j >= i for i, j in self.slopes.entries)
 
     def with_slopes(self, found: Mapping[str, tuple[str, str]]) -> Plant:
         """The plant with slopes declared `auto` replaced by bounds found: {"i.j": (lower, upper)}, from 1.

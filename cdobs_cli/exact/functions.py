@@ -8,7 +8,6 @@ from fractions import Fraction
 from flint import arb, fmpq
 
 import cdobs_cli.exact.precision  # noqa: F401 - sets the working precision
-
 from cdobs_cli.exact.expression import MINUS_ONE, ONE, ZERO, Call, Constant, Expression, Number, call, power
 
 

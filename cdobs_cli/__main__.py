@@ -1,0 +1,20 @@
+"""`python -m cdobs_cli` and the console script."""
+
+from __future__ import annotations
+
+import os
+
+# Threads make small matrices slower; set before numpy is loaded, unless the user has decided.
+for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+
+
+def main() -> None:
+    """Run the command line; exits with one of the codes of `errors.ExitCode`."""
+    from cdobs_cli.cli import run
+
+    run()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,138 @@
+"""Many specs: which files a PATH means, where their results go, and one Result for each, whatever happens."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cdobs_cli.errors import ArtefactError, CdobsError, ExitCode, SpecError, UsageError
+from cdobs_cli.outcome import Message, Result, exit_code
+
+if TYPE_CHECKING:
+    from cdobs_cli.console import Console
+    from cdobs_cli.pipeline import Work
+
+SPEC_SUFFIXES = (".yaml", ".yml")
+
+
+@dataclass(frozen=True)
+class Job:
+    """One spec and the folder of its artefacts."""
+
+    spec: Path
+    folder: Path
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The common options of the commands."""
+
+    out: Path = Path("results")
+    effort: int = 1
+    force: bool = False
+    verbose: bool = False
+
+
+def jobs(paths: Iterable[Path], out: Path) -> list[Job]:
+    """The specs that the paths mean, in a stable order, each once.
+
+    Raises:
+        UsageError: a path that does not exist, a directory without a spec, two specs for one folder.
+    """
+    found: dict[Path, Job] = {}
+    for path in paths:
+        specs = _below(path, out) if path.is_dir() else [path]
+        if not specs:
+            raise UsageError(f"{path}: no spec (*.yaml, *.yml) below this directory")
+        for spec in specs:
+            relative = spec.relative_to(path).parent if path.is_dir() else Path()
+            found.setdefault(spec.resolve(), Job(spec, out / relative / spec.stem))
+    folders: dict[Path, Path] = {}
+    for job in found.values():
+        other = folders.setdefault(job.folder, job.spec)
+        if other != job.spec:
+            raise UsageError(f"{other} and {job.spec} would both write {job.folder}; give one of them another name or another --out")
+    return list(found.values())
+
+
+def _below(folder: Path, out: Path) -> list[Path]:
+    results, specs = out.resolve(), []
+    for place, folders, files in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith(".") and (Path(place) / name).resolve() != results)
+        for name in sorted(files):
+            if name.endswith(SPEC_SUFFIXES) and not name.startswith(".") and not name.endswith((".plant.yaml", ".plant.yml")):
+                specs.append(Path(place) / name)
+    return sorted(specs)
+
+
+def run(job: Job, stages: tuple[str, ...], settings: Settings) -> Result:
+    """Carry out the stages on one spec. Every failure becomes a Result; only KeyboardInterrupt passes."""
+    start = time.perf_counter()
+    try:
+        result = _run(job, stages, settings)
+    except SpecError as error:
+        result = Result(str(job.spec), "invalid", tuple(Message.from_problem(problem) for problem in error.problems))
+    except ArtefactError as error:
+        result = Result(str(job.spec), "invalid", (Message("error", str(error), str(job.spec), rule="artefact"),))
+    except CdobsError as error:
+        result = Result(str(job.spec), "failed", (Message("error", str(error), str(job.spec), rule="tool"),))
+    except (Exception, RecursionError, MemoryError) as error:
+        if settings.verbose:
+            import traceback
+
+            traceback.print_exc(file=sys.stderr)
+        text = f"internal error, {type(error).__name__}: {error}; please report it (-v prints where it happened)"
+        result = Result(str(job.spec), "failed", (Message("error", text, str(job.spec), rule="tool"),))
+    return replace(result, seconds=time.perf_counter() - start)
+
+
+def _run(job: Job, stages: tuple[str, ...], settings: Settings) -> Result:
+    from cdobs_cli.spec.model import load
+
+    spec = load(job.spec)
+    if not stages:
+        return Result(str(job.spec), "ok")
+    from cdobs_cli import pipeline
+    from cdobs_cli.findings import find
+    from cdobs_cli.store import Store
+
+    work = pipeline.Work(spec, Store(job.folder), settings.effort, frozenset(stages) if settings.force else frozenset())
+    verbs: dict[str, Callable[[pipeline.Work], object]] = {
+        "synthesize": pipeline.synthesize, "check": pipeline.check, "simulate": pipeline.simulate, "report": pipeline.report,
+    }  # fmt: skip
+    for stage in stages:
+        verbs[stage](work)
+    documents = pipeline.documents(work)
+    messages = find(work, documents, frozenset(stages))
+    return Result(str(job.spec), "finding" if messages else "ok", tuple(messages), summary=_summary(work), **documents)
+
+
+def _summary(work: Work) -> tuple[str, ...]:
+    if work.design is None:
+        return ()
+    from cdobs_cli.pipeline import report_model
+    from cdobs_cli.report.text import summary_lines
+
+    return tuple(summary_lines(report_model(work, {})))
+
+
+def carry_out(command: str, paths: Iterable[Path], stages: tuple[str, ...], settings: Settings, console: Console) -> ExitCode:
+    """Carry out a command on every spec the paths mean; the largest exit code wins, every spec is processed.
+
+    Raises:
+        UsageError: the paths mean no spec.
+    """
+    todo = jobs(paths, settings.out)
+    results = []
+    for number, job in enumerate(todo, 1):
+        console.start(str(job.spec), number, len(todo))
+        results.append(run(job, stages, settings))
+        console.show(results[-1])
+    code = exit_code(results)
+    console.finish(command, results, code)
+    return code

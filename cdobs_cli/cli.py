@@ -1,0 +1,182 @@
+"""The commands: parse, call, print, exit code. Nothing heavy is imported before a command runs."""
+
+from __future__ import annotations
+
+import sys
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from cdobs_cli import __version__
+from cdobs_cli.errors import CdobsError, ExitCode
+
+app = typer.Typer(
+    name="cdobs",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    help="Design and prove observers for continuous-time plants measured at discrete instants.",
+    epilog="Exit codes: 0 everything holds, 1 a finding, 2 the spec or command line is wrong, 3 the tool failed.",
+)
+
+
+class Format(str, Enum):
+    """How results are printed on stdout."""
+
+    text = "text"
+    json = "json"
+
+
+Paths = Annotated[list[Path], typer.Argument(metavar="PATH..", help="A spec, or a directory: every *.yaml and *.yml below it.")]
+Out = Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where results go, one folder a spec.")]
+Effort = Annotated[int, typer.Option(min=0, max=3, help="Refinement of searches and counterexamples.")]
+Force = Annotated[bool, typer.Option("--force", help="Redo what is current.")]
+OutputFormat = Annotated[Format, typer.Option("--format", help="Format of stdout.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print findings only.")]
+Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Print more, and where internal errors happened.")]
+NoColor = Annotated[bool, typer.Option("--no-color", help="Plain text (also with NO_COLOR).")]
+RESULTS = Path("results")
+
+
+def _carry_out(
+    command: str, paths: list[Path], stages: tuple[str, ...], settings: dict[str, object], output: Format, show: tuple[bool, bool, bool]
+) -> None:
+    from cdobs_cli.batch import Settings, carry_out
+    from cdobs_cli.console import Console
+
+    quiet, verbose, no_color = show
+    console = Console(output.value, quiet=quiet, verbose=verbose, no_color=no_color)
+    raise typer.Exit(carry_out(command, paths, stages, Settings(verbose=verbose, **settings), console))  # type: ignore[arg-type]
+
+
+@app.callback(invoke_without_command=False)
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, help="Print the version.", callback=lambda value: _version(value))
+    ] = False,
+) -> None:
+    """Design and prove observers for continuous-time plants measured at discrete instants."""
+
+
+def _version(value: bool) -> None:
+    if value:
+        typer.echo(f"cdobs {__version__}")
+        raise typer.Exit
+
+
+@app.command()
+def init(
+    family: Annotated[str, typer.Argument(metavar="FAMILY", help="reachability, lpv_zoh, updated_sampling or interval.")],
+    out: Annotated[Path | None, typer.Option("-o", "--out", metavar="FILE", help="Write here instead of stdout.")] = None,
+) -> None:
+    """Print a commented spec of an observer family that runs as it is."""
+    from cdobs_cli.scaffold import example, write_new
+
+    text = example(family)
+    typer.echo(text, nl=False) if out is None else write_new(out, text)
+
+
+@app.command()
+def validate(
+    paths: Paths,
+    out: Out = RESULTS,
+    output: OutputFormat = Format.text,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    no_color: NoColor = False,
+) -> None:
+    """Read and check specs; no linear algebra."""
+    _carry_out("validate", paths, (), {"out": out}, output, (quiet, verbose, no_color))
+
+
+@app.command()
+def synthesize(
+    paths: Paths, out: Out = RESULTS, effort: Effort = 1, force: Force = False, output: OutputFormat = Format.text,
+    quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
+) -> None:  # fmt: skip
+    """Find the gain (or take the given one) and a certificate for each period wanted: design.json."""
+    _carry_out("synthesize", paths, ("synthesize",), {"out": out, "effort": effort, "force": force}, output, (quiet, verbose, no_color))
+
+
+@app.command()
+def check(
+    paths: Paths, out: Out = RESULTS, effort: Effort = 1, force: Force = False, output: OutputFormat = Format.text,
+    quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
+) -> None:  # fmt: skip
+    """Prove the stored certificates and the slopes, search counterexamples: check.json."""
+    _carry_out("check", paths, ("check",), {"out": out, "effort": effort, "force": force}, output, (quiet, verbose, no_color))
+
+
+@app.command()
+def simulate(
+    paths: Paths, out: Out = RESULTS, effort: Effort = 1, force: Force = False, output: OutputFormat = Format.text,
+    quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
+) -> None:  # fmt: skip
+    """Run plant and observer together: simulation.npz, simulation.json, figures."""
+    _carry_out("simulate", paths, ("simulate",), {"out": out, "effort": effort, "force": force}, output, (quiet, verbose, no_color))
+
+
+@app.command()
+def report(
+    paths: Paths, out: Out = RESULTS, effort: Effort = 1, force: Force = False, output: OutputFormat = Format.text,
+    quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
+) -> None:  # fmt: skip
+    """Write report.md and report.html from what is there."""
+    _carry_out("report", paths, ("report",), {"out": out, "effort": effort, "force": force}, output, (quiet, verbose, no_color))
+
+
+@app.command("run")
+def run_all(
+    paths: Paths, out: Out = RESULTS, effort: Effort = 1, force: Force = False, output: OutputFormat = Format.text,
+    quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
+) -> None:  # fmt: skip
+    """Carry out all stages in order."""
+    stages = ("synthesize", "check", "simulate", "report")
+    _carry_out("run", paths, stages, {"out": out, "effort": effort, "force": force}, output, (quiet, verbose, no_color))
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON Schema of a spec, for YAML editors."""
+    import json
+
+    from cdobs_cli.spec.schema import json_schema
+
+    typer.echo(json.dumps(json_schema(), indent=2))
+
+
+@app.command()
+def theorems(output: OutputFormat = Format.text) -> None:
+    """List what is implemented: name, source, equation, file:line."""
+    from cdobs_cli.catalogue import catalogue, catalogue_text
+
+    if output is Format.json:
+        import json
+
+        typer.echo(json.dumps([entry.document() for entry in catalogue()], indent=2))
+    else:
+        typer.echo(catalogue_text(), nl=False)
+
+
+def run() -> None:
+    """Parse the command line and exit: usage errors are 2, errors with a message keep their code."""
+    try:
+        code = app(standalone_mode=False)
+    except CdobsError as error:
+        print(f"cdobs: {error}", file=sys.stderr)  # noqa: T201
+        sys.exit(error.exit_code)
+    except BrokenPipeError:
+        sys.stderr.close()
+        sys.exit(ExitCode.FAILED)
+    except (KeyboardInterrupt, typer.Abort):
+        print("cdobs: interrupted; what was written is whole, run again to go on", file=sys.stderr)  # noqa: T201
+        sys.exit(ExitCode.FAILED)
+    except Exception as error:
+        show = getattr(error, "show", None)
+        if show is None:
+            raise
+        show()
+        sys.exit(ExitCode.INVALID)
+    sys.exit(code if isinstance(code, int) else ExitCode.HOLDS)

@@ -1,0 +1,215 @@
+"""The stages of one spec as functions: synthesize, check, simulate, report.
+
+Each stage reads the artefacts before it, makes them anew where the chain is broken, and writes its own.
+A key says what a stage has read; a stage whose key stands in the stored artefact is not redone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cdobs_cli import __version__
+from cdobs_cli.certificate import Check, Claim
+from cdobs_cli.design import Design
+from cdobs_cli.errors import ArtefactError
+from cdobs_cli.plant import Plant
+from cdobs_cli.store import Store, digest
+
+if TYPE_CHECKING:
+    from cdobs_cli.report.model import Report
+    from cdobs_cli.run import Run
+    from cdobs_cli.spec.model import Spec
+
+STAGES = ("synthesize", "check", "simulate", "report")
+
+
+@dataclass
+class Work:
+    """One spec on its way through the stages; what a stage made is kept for the next.
+
+    Attributes:
+        forced: stages to redo although their artefact is current.
+        effort: 0..3, the refinement schedule of searches and counterexamples.
+    """
+
+    spec: Spec
+    store: Store
+    effort: int = 1
+    forced: frozenset[str] = frozenset()
+    design: Design | None = field(default=None, init=False)
+    check: Check | None = field(default=None, init=False)
+    run: Run | None = field(default=None, init=False)
+    redone: set[str] = field(default_factory=set, init=False)
+
+    def key(self, *sections: str) -> str:
+        """Digest of what a stage reads: sections of the spec, normalised, and the versions that matter."""
+        content = self.spec.normalised()
+        return digest({"sections": {name: content.get(name) for name in sections}, "cdobs": __version__})
+
+    @property
+    def design_key(self) -> str:
+        return digest({"spec": self.key("plant", "measurement", "observer"), "effort": self.effort})
+
+    def plant(self, design: Design) -> Plant:
+        """The plant with the slopes that `synthesize` found where they are `auto`."""
+        return self.spec.plant.with_slopes(design.slopes)
+
+
+def synthesize(work: Work) -> Design:
+    """The current design, or a new one, stored."""
+    if work.design is None and "synthesize" not in work.forced:
+        stored = work.store.design()
+        if stored is not None and stored.family == work.spec.observer.family and stored.digests.get("key") == work.design_key:
+            work.design = stored
+    if work.design is None:
+        design = replace(_new_design(work), digests={"key": work.design_key})
+        work.store.write("design.json", design.document())
+        work.redone.add("synthesize")
+        work.design = design
+    return work.design
+
+
+def _new_design(work: Work) -> Design:
+    plant, found = work.spec.plant, {}
+    if plant.slopes.auto:
+        from cdobs_cli.certify.slopes import resolve
+
+        plant, found = resolve(plant)
+        if plant.slopes.auto:
+            names = ", ".join(f"d phi_{i + 1}/d x_{j + 1}" for i, j in sorted(plant.slopes.auto))
+            reason = f"no bound could be proved for {names}; declare a smaller domain or the slopes themselves"
+            return Design(work.spec.observer.family, "none", plant.sampling, {}, reason=reason)
+    return replace(work.spec.observer.synthesize(plant, work.effort), slopes=found)
+
+
+def check(work: Work) -> Check:
+    """Re-prove the stored design (or synthesize first), prove the slopes, search counterexamples."""
+    if work.check is None:
+        design = synthesize(work)
+        digests = {"key": work.design_key, "design": digest(design.document())}
+        stored = None if "check" in work.forced else work.store.check()
+        if stored is None or stored.digests != digests:
+            stored = replace(_certify(work, design), digests=digests)
+            work.store.write("check.json", stored.document())
+            work.redone.add("check")
+        work.check = stored
+    return work.check
+
+
+def _certify(work: Work, design: Design) -> Check:
+    from cdobs_cli.certify.slopes import slope_claims
+
+    family = work.spec.observer
+    if work.spec.plant.slopes.auto and not design.slopes:
+        statement = f"The error converges: {design.reason or 'there is no design'}."
+        return Check((Claim("convergence", "consequence", "undecided", statement, family.source, required=True),))
+    plant = work.plant(design)
+    made = family.certify(plant, design, work.effort)
+    return Check((*slope_claims(plant), *made.claims), made.bounds)
+
+
+def simulate(work: Work) -> Run | None:
+    """Plant and observer together; None where the spec asks for no simulation or there is no design."""
+    design, plan = synthesize(work), work.spec.simulation
+    if work.run is None and plan is not None and design.outcome != "none":
+        digests = {"key": work.key("plant", "measurement", "observer", "simulation"), "design": digest(design.document())}
+        work.run = None if "simulate" in work.forced else _stored_run(work.store, digests)
+        if work.run is None:
+            work.run = replace(_new_run(work, design), digests=digests)
+            _write_run(work)
+    return work.run
+
+
+def _new_run(work: Work, design: Design) -> Run:
+    from cdobs_cli.hybrid import HybridSystem
+    from cdobs_cli.simulate.engine import simulate as engine
+
+    assert work.spec.simulation is not None
+    plant = work.plant(design)
+    system = HybridSystem(plant, work.spec.observer.observer(plant, design))
+    return engine(system, work.spec.simulation, design.sampling)
+
+
+def _write_run(work: Work) -> None:
+    from cdobs_cli.report.files import figures_of_run
+    from cdobs_cli.simulate.archive import to_bytes
+
+    assert work.run is not None and work.design is not None
+    # The archive first: simulation.json, which names its digests, is what makes a run count as there.
+    work.store.write_files({"simulation.npz": to_bytes(work.run)})
+    work.store.write_files(figures_of_run(work.plant(work.design), work.spec.observer, work.design, work.store.check(), work.run))
+    work.store.write("simulation.json", work.run.document())
+    work.redone.add("simulate")
+
+
+def _stored_run(store: Store, digests: dict[str, str]) -> Run | None:
+    document = store.read("simulation.json")
+    if document is None or document.get("digests") != digests:
+        return None
+    from cdobs_cli.simulate.archive import from_file
+
+    return from_file(store.folder / "simulation.npz", document)
+
+
+def report(work: Work) -> list[Path]:
+    """report.md, report.html and all figures, from artefacts that form one chain.
+
+    Raises:
+        ArtefactError: there is no current design or check; a stored run of another design is left out.
+    """
+    design = work.design or work.store.design()
+    if design is None or design.digests.get("key") != work.design_key:
+        raise ArtefactError(f"{work.store.folder}: no current design.json for this spec; run `cdobs check` first")
+    made = work.check or work.store.check()
+    if made is None or made.digests != {"key": work.design_key, "design": digest(design.document())}:
+        raise ArtefactError(f"{work.store.folder}: no current check.json for this design; run `cdobs check` first")
+    if work.run is None and work.spec.simulation is not None and design.outcome != "none":
+        digests = {"key": work.key("plant", "measurement", "observer", "simulation"), "design": digest(design.document())}
+        work.run = _stored_run(work.store, digests)
+    work.design, work.check = design, made
+    key = digest({"design": design.document(), "check": made.document(), "run": work.run.document() if work.run else None})
+    return _render(work, design, made, key)
+
+
+def report_model(work: Work, digests: Mapping[str, str]) -> Report:
+    """What there is to say of the artefacts made or read so far (a design at least)."""
+    from cdobs_cli.findings import expectations
+    from cdobs_cli.report.model import build_report
+
+    assert work.design is not None
+    told = [(str(outcome.expectation), outcome.holds, outcome.text) for outcome in expectations(work, documents(work), frozenset(STAGES))]
+    return build_report(
+        name=work.store.folder.name, title=work.spec.title, spec_path=str(work.spec.source_path), plant=work.plant(work.design),
+        family=work.spec.observer, design=work.design, check=work.check, run=work.run, expectations=told, digests=digests,
+    )  # fmt: skip
+
+
+def _render(work: Work, design: Design, made: Check, key: str) -> list[Path]:
+    digests = {"spec": work.design_key, "artefacts": key, **made.digests}
+    marker = work.store.folder / ".report.sha256"
+    content = digest([key, work.spec.title, str(work.spec.source_path)])
+    if (
+        "report" not in work.forced
+        and marker.exists()
+        and marker.read_text().strip() == content
+        and (work.store.folder / "report.html").exists()
+    ):
+        return []
+    from cdobs_cli.report.files import render
+
+    paths = work.store.write_files(render(report_model(work, digests)))
+    work.store.write_files({marker.name: (content + "\n").encode()})
+    work.redone.add("report")
+    return paths
+
+
+def documents(work: Work) -> dict[str, dict[str, Any] | None]:
+    """The artefacts made or read so far, as JSON documents."""
+    return {
+        "design": work.design.document() if work.design else None,
+        "check": work.check.document() if work.check else None,
+        "simulation": work.run.document() if work.run else None,
+    }
