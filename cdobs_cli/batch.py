@@ -109,7 +109,7 @@ def _run(job: Job, stages: tuple[str, ...], settings: Settings) -> Result:
         verbs[stage](work)
     documents = pipeline.documents(work)
     messages = find(work, documents, frozenset(stages))
-    return Result(str(job.spec), "finding" if messages else "ok", tuple(messages), summary=_summary(work), **documents)
+    return Result(str(job.spec), "finding" if messages else "ok", tuple(messages), summary=_summary(work), **documents)  # type: ignore[arg-type]
 
 
 def _summary(work: Work) -> tuple[str, ...]:

@@ -38,7 +38,7 @@ class ErrorMaps(Generic[M]):
         """The flow matrix at slope values v."""
         total: Any = self.base
         for value, left, right in zip(v, self.left, self.right, strict=True):
-            total = total + (left @ right) * value
+            total = total + (left @ right) * value  # type: ignore[operator]
         return total  # type: ignore[no-any-return]
 
     def corners(self) -> Iterator[M]:

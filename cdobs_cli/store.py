@@ -9,15 +9,16 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from cdobs_cli.certificate import Check
 from cdobs_cli.design import Design
 from cdobs_cli.errors import ToolError
 
+T = TypeVar("T")
 MAX_ARTEFACT_BYTES = 256 * 2**20
 
 
@@ -94,7 +95,7 @@ class Store:
         return _read(Check.from_document, self.read("check.json"))
 
 
-def _read(reader: Any, document: dict[str, Any] | None) -> Any:
+def _read(reader: Callable[[dict[str, Any]], T], document: dict[str, Any] | None) -> T | None:
     if document is None or document.get("schema_version") != 1:
         return None
     try:

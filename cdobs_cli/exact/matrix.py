@@ -183,7 +183,8 @@ def block(rows: Sequence[Sequence[T]]) -> T:
         return np.block([list(row) for row in rows])  # type: ignore[return-value,arg-type]
     import cvxpy
 
-    return cvxpy.bmat([list(row) for row in rows])  # type: ignore[return-value]
+    stacked: T = cvxpy.bmat([list(row) for row in rows])
+    return stacked
 
 
 def symmetric(M: Any) -> Any:
