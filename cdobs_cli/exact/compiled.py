@@ -18,7 +18,7 @@ def _scalar_table() -> dict[str, Any]:
         return max(low, min(x, high))
 
     def sign(x: float) -> float:
-        return float((x > 0) - (x < 0))
+        return 1.0 if x > 0 else -1.0 if x < 0 else 0.0
 
     def step(x: float) -> float:
         return float(x > 0) if x != 0 else 0.5

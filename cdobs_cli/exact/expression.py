@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import re
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from fractions import Fraction
 from typing import TYPE_CHECKING
@@ -321,7 +322,9 @@ def parse(
     if not source:
         raise ExpressionError("an expression is expected, the text is empty")
     try:
-        tree = ast.parse(source, mode="eval").body
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # `1e` makes Python warn before it refuses
+            tree = ast.parse(source, mode="eval").body
         return _Reader(source, names, known or {}, functions).read(tree, 0)
     except ExpressionError:
         raise

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from flint import arb, arb_mat, fmpq, fmpq_mat
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from cdobs_cli.exact.numbers import ExactMatrix
 
-Scalar = int | Fraction | fmpq | arb
+Scalar: TypeAlias = int | Fraction | fmpq | arb
 T = TypeVar("T")
 
 
@@ -180,7 +180,7 @@ def block(rows: Sequence[Sequence[T]]) -> T:
     import numpy as np
 
     if all(isinstance(part, np.ndarray) for row in rows for part in row):
-        return np.block([list(row) for row in rows])  # type: ignore[return-value,arg-type]
+        return np.block([list(row) for row in rows])  # type: ignore[return-value]
     import cvxpy
 
     stacked: T = cvxpy.bmat([list(row) for row in rows])

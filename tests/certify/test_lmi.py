@@ -1,0 +1,43 @@
+"""The LMI search against known optima; homogeneous problems must be normalised to mean anything."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cdobs_cli.certify.lmi import Program, full, symmetric
+
+
+def lyapunov_margin(A: np.ndarray) -> float:
+    program = Program({"P": symmetric(2), "t": full(1, 1)})
+    program.require(lambda x: -(A.T @ x["P"] + x["P"] @ A) - x["t"] * np.eye(2))
+    program.require(lambda x: x["P"] - x["t"] * np.eye(2))
+    program.equate(lambda x: np.trace(x["P"]) - 1)
+    program.maximise(lambda x: x["t"])
+    solution = program.solve()
+    assert solution.solved
+    return float(solution.values["t"][0, 0])
+
+
+def test_the_margin_tells_stability_where_it_is_large() -> None:
+    assert lyapunov_margin(np.array([[0.0, 1.0], [-2.0, -0.5]])) > 0.1
+    # An unstable matrix has margin 0, not a negative one: a singular P is allowed. Only a proof tells them apart.
+    assert abs(lyapunov_margin(np.array([[0.0, 1.0], [2.0, -0.5]]))) < 1e-6
+
+
+def test_equalities_and_full_unknowns() -> None:
+    # smallest spectral norm of a matrix with a given entry
+    program = Program({"X": full(2, 3), "s": full(1, 1)})
+    program.require(lambda x: np.block([[x["s"] * np.eye(2), x["X"]], [x["X"].T, x["s"] * np.eye(3)]]))
+    program.equate(lambda x: x["X"][:1, :1] - 2)
+    program.maximise(lambda x: -x["s"])
+    solution = program.solve()
+    assert solution.objective == pytest.approx(-2, abs=1e-6)
+
+
+def test_infeasible_is_not_solved() -> None:
+    program = Program({"x": full(1, 1)})
+    program.require(lambda x: x["x"] - 1)
+    program.require(lambda x: -x["x"] - 1)
+    program.maximise(lambda x: x["x"])
+    assert not program.solve().solved

@@ -1,0 +1,133 @@
+"""The expression language: what it takes, what it refuses, and that its three readings agree."""
+
+from __future__ import annotations
+
+import math
+import time
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from flint import arb
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cdobs_cli.exact.compiled import compile_floats
+from cdobs_cli.exact.expression import Expression, ExpressionError, Number, parse
+
+NAMES = frozenset({"x", "y"})
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1e-3", Fraction(1, 1000)),
+        ("-2e-4", Fraction(-1, 5000)),
+        (".5", Fraction(1, 2)),
+        ("1/8 + 3*2**3", Fraction(193, 8)),
+        ("0.1 + 0.2", Fraction(3, 10)),
+        ("max(1, 2) - min(3, 4) + abs(-5)", Fraction(4)),
+        ("2**(-2)", Fraction(1, 4)),
+    ],
+)
+def test_constant_arithmetic_is_exact(text: str, value: Fraction) -> None:
+    assert parse(text) == Number(value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "9**9**9", "__import__('os')", "x.real", "1_000", "0x10", "a", "sinn(x)", "(" * 500 + ")" * 500, "-" * 1000 + "1",
+        "1/0", "sin(1, 2)", "", "1e999999", "[x]", "lambda: 1", "1 if x else 2", "min(1, 2, 3)", "True", "1j", "'a'", "x == y",
+        "x @ y", "x; y", "x\ny", "exec('1')", "f(x)", "sin", "x**y", "x**1000", "sin(x=1)", "sin(*x)", "x" * 3000, "é", "nan", "inf",
+        "1" * 100, "(0)**(-1)", "{x}", "x[0]", "~x", "not x", "x // y", "x % 2", "1" + "+1" * 900,
+    ],
+)  # fmt: skip
+def test_everything_else_is_refused_quickly(text: str) -> None:
+    start = time.perf_counter()
+    with pytest.raises(ExpressionError):
+        parse(text, NAMES)
+    assert time.perf_counter() - start < 1.0
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.text(alphabet="xy0123456789.+-*/()e, sincoexplgqrtabm", max_size=60))
+def test_any_text_is_read_or_refused(text: str) -> None:
+    try:
+        expression = parse(text, NAMES)
+    except ExpressionError:
+        return
+    assert parse(str(expression), NAMES).variables == expression.variables
+
+
+SAMPLES = [
+    "sin(x)*cos(y)", "x**3 - 2*x*y + 1/(1 + y**2)", "exp(-x**2)/(2 + sin(y))", "tanh(x + y)*sqrt(1 + x**2)", "log(3 + x)*cosh(y)",
+    "monod(1 + x**2, 2)", "contois(1 + x**2, 2 + y, 0.5)", "abs(x)*sat(y, -0.5, 0.7)", "max(x, y) + min(x, 0.2)", "x - (y - x) - (x*(y/3))",
+    "tan(x/4)", "sinh(x)*(2 + y)**(3/2)", "-(x - y)**2", "x/(y + 3)/2",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("text", SAMPLES)
+def test_floats_arrays_balls_and_text_agree(text: str) -> None:
+    expression = parse(text, NAMES)
+    scalar = compile_floats([expression], ["x", "y"], arrays=False)
+    arrays = compile_floats([expression], ["x", "y"], arrays=True)
+    again = parse(str(expression), NAMES)
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-1, 1, (20, 2))
+    batch = arrays(points[:, 0], points[:, 1])[0]
+    for (x, y), value in zip(points, batch, strict=True):
+        assert scalar(x, y)[0] == pytest.approx(value, rel=1e-12, abs=1e-14)
+        ball = expression.ball({"x": arb(x), "y": arb(y)})
+        assert float(ball.mid()) == pytest.approx(value, rel=1e-10, abs=1e-12)
+        assert ball.overlaps(again.ball({"x": arb(x), "y": arb(y)}))
+
+
+@pytest.mark.parametrize("text", SAMPLES)
+def test_derivatives_against_differences(text: str) -> None:
+    expression = parse(text, NAMES)
+    value = compile_floats([expression, expression.derivative("x"), expression.derivative("y")], ["x", "y"], arrays=False)
+    rng = np.random.default_rng(2)
+    for x, y in rng.uniform(-0.9, 0.9, (10, 2)):
+        h = 1e-6
+        assert value(x, y)[1] == pytest.approx((value(x + h, y)[0] - value(x - h, y)[0]) / (2 * h), rel=1e-6, abs=1e-7)
+        assert value(x, y)[2] == pytest.approx((value(x, y + h)[0] - value(x, y - h)[0]) / (2 * h), rel=1e-6, abs=1e-7)
+
+
+@pytest.mark.parametrize("text", SAMPLES)
+def test_balls_hold_every_value_of_a_box(text: str) -> None:
+    expression = parse(text, NAMES)
+    for node in (expression, expression.derivative("x")):
+        value = compile_floats([node], ["x", "y"], arrays=True)
+        rng = np.random.default_rng(3)
+        for low_x, low_y in rng.uniform(-1, 0.5, (5, 2)):
+            box = {"x": arb(low_x).union(arb(low_x + 0.4)), "y": arb(low_y).union(arb(low_y + 0.3))}
+            ball = node.ball(box)
+            points = rng.uniform(0, 1, (200, 2))
+            values = np.broadcast_to(value(low_x + 0.4 * points[:, 0], low_y + 0.3 * points[:, 1])[0], 200)
+            assert all(ball.overlaps(arb(float(v), 1e-12 * (1 + abs(float(v))))) for v in values)
+
+
+def test_gradient_of_a_kink_holds_both_sides() -> None:
+    slope = parse("abs(x)", NAMES).derivative("x").ball({"x": arb(0)})
+    assert slope.contains(arb(-1)) and slope.contains(arb(1))
+
+
+def test_undefined_is_not_finite() -> None:
+    for text in ("log(x)", "sqrt(x)", "1/x", "x**(1/2)", "x**(-2)"):
+        assert not parse(text, NAMES).ball({"x": arb(0).union(arb(-1))}).is_finite()
+
+
+def test_constants_are_balls_not_floats() -> None:
+    assert abs(float((parse("pi").ball({}) - arb.pi()).abs_upper())) < 1e-30
+    assert float(parse("e**2").ball({}).mid()) == pytest.approx(math.e**2, rel=1e-15)
+
+
+def test_no_evaluation_of_the_typed_text(monkeypatch: pytest.MonkeyPatch) -> None:
+    import builtins
+
+    def forbidden(*args: object, **kwargs: object) -> None:
+        raise AssertionError("eval was called")
+
+    monkeypatch.setattr(builtins, "eval", forbidden)
+    assert isinstance(parse("sin(x) + y", NAMES), Expression)
