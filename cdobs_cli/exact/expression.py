@@ -123,7 +123,7 @@ class Expression:
     def derivative(self, name: str) -> Expression:
         """The partial derivative; abs, min, max and sat give `sign` and `step`, whose balls enclose
         the Clarke gradient where they jump."""
-        from cdobs_cli.exact.functions import DERIVATIVES
+        from cdobs_cli.exact.functions import DERIVATIVES, branch_derivative
 
         memo: dict[Expression, Expression] = {}
         for node in self.walk():
@@ -132,6 +132,8 @@ class Expression:
             elif isinstance(node, Power):
                 inner = memo[node.base]
                 memo[node] = Number(node.exponent) * power(node.base, node.exponent - 1) * inner if inner != ZERO else ZERO
+            elif isinstance(node, Call) and node.function in ("min", "max", "sat"):
+                memo[node] = branch_derivative(node.function, node.children, tuple(memo[child] for child in node.children))
             elif isinstance(node, Call):
                 total: Expression = ZERO
                 for rule, child in zip(DERIVATIVES[node.function], node.children, strict=True):

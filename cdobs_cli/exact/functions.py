@@ -147,13 +147,6 @@ DERIVATIVES: dict[str, tuple[Rule, ...]] = {
     "log": (lambda x: ONE / x,),
     "sqrt": (lambda x: ONE / (_TWO * call("sqrt", x)),),
     "abs": (lambda x: Call("sign", (x,)),),
-    "min": (lambda a, b: Call("step", (b - a,)), lambda a, b: Call("step", (a - b,))),
-    "max": (lambda a, b: Call("step", (a - b,)), lambda a, b: Call("step", (b - a,))),
-    "sat": (
-        lambda x, low, high: Call("step", (x - low,)) * Call("step", (high - x,)),
-        lambda x, low, high: Call("step", (low - x,)),
-        lambda x, low, high: Call("step", (x - high,)),
-    ),
     "monod": (lambda s, k: k / _square(k + s), lambda s, k: -(s / _square(k + s))),
     "contois": (
         lambda s, x, k: k * x / _square(k * x + s),
@@ -164,4 +157,26 @@ DERIVATIVES: dict[str, tuple[Rule, ...]] = {
     "step": (lambda x: ZERO,),
 }
 
-__all__ = ["BALL_FUNCTIONS", "DERIVATIVES", "MINUS_ONE", "exact_ball", "fraction_ball", "hull"]
+
+
+def branch_derivative(function: str, arguments: tuple[Expression, ...], slopes: tuple[Expression, ...]) -> Expression:
+    """The derivative of min, max or sat: slope_b + step(..) (slope_a - slope_b).
+
+    Written with one step, so that its range at the kink is the hull of the two slopes.
+    """
+
+    def chosen(condition: Expression, a: Expression, b: Expression) -> Expression:
+        difference = a - b
+        return b if difference == ZERO else b + Call("step", (condition,)) * difference
+
+    if function == "sat":
+        x, low, high = arguments
+        inner = chosen(high - x, slopes[0], slopes[2])
+        # With constant limits the outer condition is x >= low.
+        condition = x - low if slopes[1] == slopes[2] == ZERO else call("min", x, high) - low
+        return chosen(condition, inner, slopes[1])
+    a, b = arguments
+    return chosen(b - a if function == "min" else a - b, slopes[0], slopes[1])
+
+
+__all__ = ["BALL_FUNCTIONS", "DERIVATIVES", "MINUS_ONE", "branch_derivative", "exact_ball", "fraction_ball", "hull"]

@@ -1,0 +1,109 @@
+"""Points of a region where an expression is large: candidates in floats, for proofs in balls."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from fractions import Fraction
+from math import inf
+from typing import TYPE_CHECKING
+
+from flint import arb
+
+from cdobs_cli.certify.region import Region
+from cdobs_cli.exact.compiled import compile_floats
+from cdobs_cli.exact.expression import Expression
+from cdobs_cli.exact.functions import fraction_ball
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+_FIRST = 2048
+_ROUNDS = 12
+
+
+def high_points(expression: Expression, region: Region) -> Iterator[dict[str, Fraction]]:
+    """Rational points of the region with large values of `expression`, the most promising form first.
+
+    Corners, scattered points of all magnitudes where an end is infinite, and a contracting random search
+    round the best one. Deterministic. Yields the best point in short and in full decimals; nothing where no
+    point of the region was met.
+    """
+    import numpy as np
+
+    names = region.names
+    function = compile_floats((expression, *region.where), names, arrays=True)
+    random = np.random.default_rng(20)
+
+    def judged(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        with np.errstate(all="ignore"):
+            value, *limits = (np.broadcast_to(np.asarray(v, dtype=float), points.shape[:1]) for v in function(*points.T))
+        value = np.where(np.isfinite(value), value, -inf)
+        for limit in limits:
+            value = np.where(limit >= -1e-15, value, -inf)
+        return value
+
+    points = _scattered(region, random, _FIRST)
+    values = judged(points)
+    low, high = _float_ends(region)
+    for r in range(_ROUNDS):
+        order = np.argsort(values)[::-1][:16]
+        points, values = points[order], values[order]
+        if not np.isfinite(values[0]):
+            return
+        spread = np.where(np.isfinite(high - low), high - low, 1 + np.abs(points[0])) * 0.4 ** (r + 1)
+        steps = random.standard_normal((16, 12, len(names))) * spread * (random.random((16, 12, len(names))) < 0.6)
+        moved = np.clip((points[:, None, :] + steps).reshape(-1, len(names)), low, high)
+        points, values = np.vstack([points, moved]), np.concatenate([values, judged(moved)])
+    for best in points[np.argsort(values)[::-1][:3]]:
+        for digits in (3, 6, 12):
+            yield {name: _near(value, digits, region, name) for name, value in zip(names, best, strict=True)}
+        yield {name: Fraction(float(value)) for name, value in zip(names, best, strict=True)}
+
+
+def _near(value: float, digits: int, region: Region, name: str) -> Fraction:
+    ends = region.box[name]
+    for end in (ends.lower, ends.upper):
+        if isinstance(end, Fraction) and abs(float(end) - value) <= 10.0**-digits * max(1e-3, abs(value)):
+            return end
+    return Fraction(f"{value:.{digits}g}")
+
+
+def _float_ends(region: Region) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    import numpy as np
+
+    return (
+        np.array([float(ends.lower) for ends in region.box.values()]),
+        np.array([float(ends.upper) for ends in region.box.values()]),
+    )
+
+
+def _scattered(region: Region, random: np.random.Generator, count: int) -> NDArray[np.float64]:
+    import numpy as np
+
+    columns = []
+    for ends in region.box.values():
+        if ends.is_finite:
+            low, high = float(ends.lower), float(ends.upper)
+            column = random.uniform(low, high, count)
+            near = random.random(count) < 0.5
+            # A power law towards either end meets the steep places next to a pole outside the region.
+            part = random.random(count) ** 6 * (high - low)
+            column = np.where(near, np.where(random.random(count) < 0.5, low + part, high - part), column)
+            column = np.where(random.random(count) < 0.25, random.choice([low, high, (low + high) / 2], count), column)
+        else:
+            size = 10 ** random.uniform(-3, 6, count) * (random.random(count) > 0.05)
+            size = np.where(random.random(count) < 0.5, random.uniform(0, 10, count), size)
+            if np.isfinite(float(ends.lower)):
+                column = float(ends.lower) + size
+            elif np.isfinite(float(ends.upper)):
+                column = float(ends.upper) - size
+            else:
+                column = size * random.choice([-1.0, 1.0], count)
+        columns.append(column)
+    return np.array(columns).reshape(len(region.box), count).T
+
+
+def point_balls(point: Mapping[str, Fraction]) -> dict[str, arb]:
+    """The point for `Expression.ball`."""
+    return {name: fraction_ball(value) for name, value in point.items()}
