@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
@@ -13,9 +12,9 @@ from cdobs_cli.certify.points import high_points, point_balls
 from cdobs_cli.certify.region import Region, point_text
 from cdobs_cli.exact.expression import ZERO, Expression
 from cdobs_cli.exact.functions import fraction_ball
-from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text, lower_text, upper_text
+from cdobs_cli.exact.numbers import Exact, fraction_text, lower_text, upper_text
 from cdobs_cli.exact.ranges import range_of
-from cdobs_cli.plant import Plant, Slopes
+from cdobs_cli.plant import Plant
 
 SOURCE = "the slope premise of every family (Dinh2014, Assumption 1; Boukal2020, Section II)"
 
@@ -64,19 +63,8 @@ def resolve(plant: Plant) -> tuple[Plant, dict[str, tuple[str, str]]]:
         bounds = automatic(plant.phi[i].derivative(plant.states[j]), region)
         if bounds is not None:
             found[f"{i + 1}.{j + 1}"] = bounds
-    return with_slopes(plant, found), found
-
-
-def with_slopes(plant: Plant, found: Mapping[str, tuple[str, str]]) -> Plant:
-    """The plant with bounds that `resolve` returned (or a design stored) in place of `auto`."""
-    lower, upper = (list(map(list, matrix.rows)) for matrix in (plant.slopes.lower, plant.slopes.upper))
-    done = set()
-    for key, (low, high) in found.items():
-        i, j = (int(part) - 1 for part in key.split("."))
-        if (i, j) in plant.slopes.auto:
-            lower[i][j], upper[i][j] = Exact(low), Exact(high)
-            done.add((i, j))
-    return replace(plant, slopes=Slopes(ExactMatrix(lower), ExactMatrix(upper), plant.slopes.auto - done))
+    missing = frozenset((i, j) for i, j in plant.slopes.auto if f"{i + 1}.{j + 1}" not in found)
+    return replace(plant, slopes=replace(plant.slopes, auto=missing)) if missing else plant.with_slopes(found), found
 
 
 def automatic(slope: Expression, region: Region) -> tuple[str, str] | None:
