@@ -10,6 +10,7 @@ import ast
 import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping
+from decimal import Context, Decimal
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 MAX_LENGTH = 2000
 MAX_DEPTH = 100
-MAX_DIGITS = 60
+MAX_DIGITS = 1000
 MAX_EXPONENT = 64
 MAX_DECIMAL_EXPONENT = 400
 CONSTANTS = ("pi", "e")
@@ -426,7 +427,7 @@ def read_decimal(text: str, offset: int = 0) -> Fraction:
     """The exact value of a decimal text like `-1.5e-3`.
 
     Raises:
-        ExpressionError: more than 60 digits, or an exponent beyond 400.
+        ExpressionError: more than 1000 digits, or an exponent beyond 400.
     """
     mantissa, _, exponent = text.lower().partition("e")
     if sum(character.isdigit() for character in mantissa) > MAX_DIGITS:
@@ -438,7 +439,7 @@ def read_decimal(text: str, offset: int = 0) -> Fraction:
 
 def check_size(value: Fraction, offset: int = 0) -> None:
     """Refuse rationals that grew beyond use (`9**9**9` never gets this far)."""
-    if max(value.numerator.bit_length(), value.denominator.bit_length()) > 8000:
+    if max(value.numerator.bit_length(), value.denominator.bit_length()) > 3000:
         raise ExpressionError("a constant that is too large", offset)
 
 
@@ -450,14 +451,39 @@ def nearest(name: str, allowed: Mapping[str, object] | list[str] | tuple[str, ..
     return f", did you mean {found[0]!r}?" if found else ""
 
 
+def plain_decimal(value: Decimal) -> str:
+    """A decimal without needless zeros; exponents only where the plain form would be long."""
+    if value == 0:
+        return "0"
+    value = value.normalize(Context(prec=max(1, len(value.as_tuple().digits))))
+    exponent = value.adjusted()
+    return format(value, "f") if -7 < exponent < 16 else format(value, "e").replace("e+", "e")
+
+
+def fraction_text(value: Fraction) -> str:
+    """The decimal when it ends within 60 significant digits, else p/q; reads back to the same number."""
+    denominator, twos, fives = value.denominator, 0, 0
+    while denominator % 2 == 0:
+        denominator, twos = denominator // 2, twos + 1
+    while denominator % 5 == 0:
+        denominator, fives = denominator // 5, fives + 1
+    places = max(twos, fives)
+    digits = value.numerator * 10**places // value.denominator
+    while digits and digits % 10 == 0:
+        digits, places = digits // 10, places - 1
+    if denominator != 1 or len(str(abs(digits))) > 60:
+        return str(value)
+    return plain_decimal(Decimal(digits).scaleb(-places, Context(prec=400)))
+
+
 _INFIX = {"add": ("+", 1), "multiply": ("*", 2), "divide": ("/", 2)}
 
 
 def _text(node: Expression, level: int) -> str:
     if isinstance(node, Number):
         value = node.value
-        text = str(value)
-        return f"({text})" if (value < 0 or value.denominator > 1) and level > 0 else text
+        text = fraction_text(value)
+        return f"({text})" if (value < 0 or "/" in text) and level > 0 else text
     if isinstance(node, Constant | Variable):
         return node.name
     if isinstance(node, Power):

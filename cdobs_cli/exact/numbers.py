@@ -12,6 +12,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from cdobs_cli.exact.expression import Expression, ExpressionError, Number, parse
+from cdobs_cli.exact.expression import fraction_text as fraction_text
+from cdobs_cli.exact.expression import plain_decimal as plain_decimal
 
 if TYPE_CHECKING:
     import numpy as np
@@ -140,29 +142,6 @@ def decimal_text(value: float | Fraction, digits: int) -> str:
     exact = Fraction(value)
     rounded = Context(prec=digits).divide(Decimal(exact.numerator), Decimal(exact.denominator))
     return plain_decimal(rounded)
-
-
-def plain_decimal(value: Decimal) -> str:
-    """A decimal without needless zeros; exponents only where the plain form would be long."""
-    if value == 0:
-        return "0"
-    value = value.normalize(Context(prec=max(1, len(value.as_tuple().digits))))
-    exponent = value.adjusted()
-    return format(value, "f") if -7 < exponent < 16 else format(value, "e").replace("e+", "e")
-
-
-def fraction_text(value: Fraction) -> str:
-    """The decimal when it ends within 60 digits, else p/q."""
-    denominator, twos, fives = value.denominator, 0, 0
-    while denominator % 2 == 0:
-        denominator, twos = denominator // 2, twos + 1
-    while denominator % 5 == 0:
-        denominator, fives = denominator // 5, fives + 1
-    places = max(twos, fives)
-    if denominator != 1 or places + len(str(abs(value.numerator))) > 60:
-        return f"{value.numerator}/{value.denominator}"
-    scaled = value * 10**places
-    return plain_decimal(Decimal(scaled.numerator).scaleb(-places, Context(prec=400)))
 
 
 def arb_fraction(value: arb) -> Fraction:

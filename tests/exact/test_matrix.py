@@ -9,7 +9,7 @@ from flint import arb
 from cdobs_cli.exact.matrix import Matrix, block, symmetric
 
 
-def lyapunov(A, P, L):  # noqa: ANN001, ANN201
+def lyapunov(A, P, L):
     return block([[-symmetric(A.T @ P) * 2, P @ L], [L.T @ P, P[0:1, 0:1] - P[1:2, 1:2]]])
 
 
