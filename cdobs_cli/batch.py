@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,6 +37,8 @@ class Settings:
     effort: int = 1
     force: bool = False
     verbose: bool = False
+    jobs: int = 1
+    time_limit: float | None = None
 
 
 def jobs(paths: Iterable[Path], out: Path) -> list[Job]:
@@ -128,11 +131,24 @@ def carry_out(command: str, paths: Iterable[Path], stages: tuple[str, ...], sett
         UsageError: the paths mean no spec.
     """
     todo = jobs(paths, settings.out)
-    results = []
-    for number, job in enumerate(todo, 1):
-        console.start(str(job.spec), number, len(todo))
-        results.append(run(job, stages, settings))
-        console.show(results[-1])
-    code = exit_code(results)
-    console.finish(command, results, code)
+    results: dict[int, Result] = {}
+    with console.following([str(job.spec) for job in todo]) as follow:
+        for number, result in _each(todo, stages, settings, follow.started):
+            results[number] = result
+            follow.ended(number, result)
+    ordered = [results[number] for number in range(len(todo))]
+    code = exit_code(ordered)
+    console.finish(command, ordered, code)
     return code
+
+
+def _each(todo: list[Job], stages: tuple[str, ...], settings: Settings, started: Callable[[int], None]) -> Iterator[tuple[int, Result]]:
+    call = partial(run, stages=stages, settings=settings)
+    if settings.time_limit is not None or (stages and len(todo) > 1):
+        from cdobs_cli.isolation import each_isolated
+
+        yield from each_isolated(todo, call, workers=settings.jobs, time_limit=settings.time_limit, started=started)
+        return
+    for number, job in enumerate(todo):
+        started(number)
+        yield number, call(job)

@@ -33,22 +33,24 @@ Paths = Annotated[list[Path], typer.Argument(metavar="PATH..", help="A spec, or 
 Out = Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where results go, one folder a spec.")]
 Effort = Annotated[int, typer.Option(min=0, max=3, help="Refinement of searches and counterexamples.")]
 Force = Annotated[bool, typer.Option("--force", help="Redo what is current.")]
+Jobs = Annotated[int, typer.Option(min=1, max=256, metavar="N", help="Specs at a time.")]
+TimeLimit = Annotated[float | None, typer.Option(min=0, metavar="S", help="Seconds a spec; what is not finished is undecided.")]
 OutputFormat = Annotated[Format, typer.Option("--format", help="Format of stdout.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print findings only.")]
-Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Print more, and where internal errors happened.")]
+Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say where an internal error happened.")]
 NoColor = Annotated[bool, typer.Option("--no-color", help="Plain text (also with NO_COLOR).")]
 RESULTS = Path("results")
+STAGES = ("synthesize", "check", "simulate", "report")
 
 
 def _carry_out(
-    command: str, paths: list[Path], stages: tuple[str, ...], settings: dict[str, object], output: Format, show: tuple[bool, bool, bool]
+    command: str, stages: tuple[str, ...], paths: list[Path], output: Format, quiet: bool, no_color: bool, **settings: object
 ) -> None:
     from cdobs_cli.batch import Settings, carry_out
     from cdobs_cli.console import Console
 
-    quiet, verbose, no_color = show
-    console = Console(output.value, quiet=quiet, verbose=verbose, no_color=no_color)
-    raise typer.Exit(carry_out(command, paths, stages, Settings(verbose=verbose, **settings), console))  # type: ignore[arg-type]
+    console = Console(output.value, quiet=quiet, no_color=no_color)
+    raise typer.Exit(carry_out(command, paths, stages, Settings(**settings), console))  # type: ignore[arg-type]
 
 
 @app.callback(invoke_without_command=False)
@@ -80,61 +82,61 @@ def init(
 
 @app.command()
 def validate(
-    paths: Paths,
-    out: Out = RESULTS,
-    output: OutputFormat = Format.text,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    no_color: NoColor = False,
-) -> None:
+    paths: Paths, out: Out = RESULTS, jobs: Jobs = 1, time_limit: TimeLimit = None, output: OutputFormat = Format.text,
+    quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
+) -> None:  # fmt: skip
     """Read and check specs; no linear algebra."""
-    _carry_out("validate", paths, (), {"out": out}, output, (quiet, verbose, no_color))
+    _carry_out("validate", (), paths, output, quiet, no_color, out=out, verbose=verbose, jobs=jobs, time_limit=time_limit)
 
 
 @app.command()
 def synthesize(
-    paths: Paths, out: Out = RESULTS, effort: Effort = 1, force: Force = False, output: OutputFormat = Format.text,
-    quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
+    paths: Paths, out: Out = RESULTS, effort: Effort = 1, force: Force = False, jobs: Jobs = 1, time_limit: TimeLimit = None,
+    output: OutputFormat = Format.text, quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
 ) -> None:  # fmt: skip
     """Find the gain (or take the given one) and a certificate for each period wanted: design.json."""
-    _carry_out("synthesize", paths, ("synthesize",), {"out": out, "effort": effort, "force": force}, output, (quiet, verbose, no_color))
+    more = {"out": out, "effort": effort, "force": force, "jobs": jobs, "time_limit": time_limit, "verbose": verbose}
+    _carry_out("synthesize", ("synthesize",), paths, output, quiet, no_color, **more)
 
 
 @app.command()
 def check(
-    paths: Paths, out: Out = RESULTS, effort: Effort = 1, force: Force = False, output: OutputFormat = Format.text,
-    quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
+    paths: Paths, out: Out = RESULTS, effort: Effort = 1, force: Force = False, jobs: Jobs = 1, time_limit: TimeLimit = None,
+    output: OutputFormat = Format.text, quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
 ) -> None:  # fmt: skip
     """Prove the stored certificates and the slopes, search counterexamples: check.json."""
-    _carry_out("check", paths, ("check",), {"out": out, "effort": effort, "force": force}, output, (quiet, verbose, no_color))
+    more = {"out": out, "effort": effort, "force": force, "jobs": jobs, "time_limit": time_limit, "verbose": verbose}
+    _carry_out("check", ("check",), paths, output, quiet, no_color, **more)
 
 
 @app.command()
 def simulate(
-    paths: Paths, out: Out = RESULTS, effort: Effort = 1, force: Force = False, output: OutputFormat = Format.text,
-    quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
+    paths: Paths, out: Out = RESULTS, effort: Effort = 1, force: Force = False, jobs: Jobs = 1, time_limit: TimeLimit = None,
+    output: OutputFormat = Format.text, quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
 ) -> None:  # fmt: skip
     """Run plant and observer together: simulation.npz, simulation.json, figures."""
-    _carry_out("simulate", paths, ("simulate",), {"out": out, "effort": effort, "force": force}, output, (quiet, verbose, no_color))
+    more = {"out": out, "effort": effort, "force": force, "jobs": jobs, "time_limit": time_limit, "verbose": verbose}
+    _carry_out("simulate", ("simulate",), paths, output, quiet, no_color, **more)
 
 
 @app.command()
 def report(
-    paths: Paths, out: Out = RESULTS, effort: Effort = 1, force: Force = False, output: OutputFormat = Format.text,
-    quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
+    paths: Paths, out: Out = RESULTS, effort: Effort = 1, force: Force = False, jobs: Jobs = 1, time_limit: TimeLimit = None,
+    output: OutputFormat = Format.text, quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
 ) -> None:  # fmt: skip
     """Write report.md and report.html from what is there."""
-    _carry_out("report", paths, ("report",), {"out": out, "effort": effort, "force": force}, output, (quiet, verbose, no_color))
+    more = {"out": out, "effort": effort, "force": force, "jobs": jobs, "time_limit": time_limit, "verbose": verbose}
+    _carry_out("report", ("report",), paths, output, quiet, no_color, **more)
 
 
 @app.command("run")
 def run_all(
-    paths: Paths, out: Out = RESULTS, effort: Effort = 1, force: Force = False, output: OutputFormat = Format.text,
-    quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
+    paths: Paths, out: Out = RESULTS, effort: Effort = 1, force: Force = False, jobs: Jobs = 1, time_limit: TimeLimit = None,
+    output: OutputFormat = Format.text, quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
 ) -> None:  # fmt: skip
     """Carry out all stages in order."""
-    stages = ("synthesize", "check", "simulate", "report")
-    _carry_out("run", paths, stages, {"out": out, "effort": effort, "force": force}, output, (quiet, verbose, no_color))
+    more = {"out": out, "effort": effort, "force": force, "jobs": jobs, "time_limit": time_limit, "verbose": verbose}
+    _carry_out("run", STAGES, paths, output, quiet, no_color, **more)
 
 
 @app.command()

@@ -41,6 +41,7 @@ class Work:
     forced: frozenset[str] = frozenset()
     design: Design | None = field(default=None, init=False)
     check: Check | None = field(default=None, init=False)
+    simulation: dict[str, Any] | None = field(default=None, init=False)
     run: Run | None = field(default=None, init=False)
     redone: set[str] = field(default_factory=set, init=False)
 
@@ -73,7 +74,8 @@ def synthesize(work: Work) -> Design:
 
 
 def _new_design(work: Work) -> Design:
-    plant, found = work.spec.plant, {}
+    plant = work.spec.plant
+    found: dict[str, tuple[str, str]] = {}
     if plant.slopes.auto:
         from cdobs_cli.certify.slopes import resolve
 
@@ -111,16 +113,30 @@ def _certify(work: Work, design: Design) -> Check:
     return Check((*slope_claims(plant), *made.claims), made.bounds)
 
 
-def simulate(work: Work) -> Run | None:
-    """Plant and observer together; None where the spec asks for no simulation or there is no design."""
-    design, plan = synthesize(work), work.spec.simulation
-    if work.run is None and plan is not None and design.outcome != "none":
-        digests = {"key": work.key("plant", "measurement", "observer", "simulation"), "design": digest(design.document())}
-        work.run = None if "simulate" in work.forced else _stored_run(work.store, digests)
-        if work.run is None:
-            work.run = replace(_new_run(work, design), digests=digests)
-            _write_run(work)
-    return work.run
+def simulate(work: Work) -> dict[str, Any] | None:
+    """Plant and observer together; None where the spec asks for no simulation or there is no design.
+
+    Returns the summary as in simulation.json; the trajectories are read back only where they are needed.
+    """
+    design = synthesize(work)
+    if work.simulation is None and work.spec.simulation is not None and design.outcome != "none":
+        if "simulate" not in work.forced:
+            work.simulation = _current_simulation(work, design)
+        if work.simulation is None:
+            work.run = replace(_new_run(work, design), digests=_simulation_digests(work, design))
+            work.simulation = work.run.document()
+            _write_run(work, design, work.run)
+    return work.simulation
+
+
+def _simulation_digests(work: Work, design: Design) -> dict[str, str]:
+    return {"key": work.key("plant", "measurement", "observer", "simulation"), "design": digest(design.document())}
+
+
+def _current_simulation(work: Work, design: Design) -> dict[str, Any] | None:
+    document = work.store.read("simulation.json")
+    current = document is not None and document.get("digests") == _simulation_digests(work, design)
+    return document if current and (work.store.folder / "simulation.npz").is_file() else None
 
 
 def _new_run(work: Work, design: Design) -> Run:
@@ -133,25 +149,15 @@ def _new_run(work: Work, design: Design) -> Run:
     return engine(system, work.spec.simulation, design.sampling)
 
 
-def _write_run(work: Work) -> None:
+def _write_run(work: Work, design: Design, run: Run) -> None:
     from cdobs_cli.report.files import figures_of_run
     from cdobs_cli.simulate.archive import to_bytes
 
-    assert work.run is not None and work.design is not None
     # The archive first: simulation.json, which names its digests, is what makes a run count as there.
-    work.store.write_files({"simulation.npz": to_bytes(work.run)})
-    work.store.write_files(figures_of_run(work.plant(work.design), work.spec.observer, work.design, work.store.check(), work.run))
-    work.store.write("simulation.json", work.run.document())
+    work.store.write_files({"simulation.npz": to_bytes(run)})
+    work.store.write_files(figures_of_run(work.plant(design), work.spec.observer, design, work.store.check(), run))
+    work.store.write("simulation.json", run.document())
     work.redone.add("simulate")
-
-
-def _stored_run(store: Store, digests: dict[str, str]) -> Run | None:
-    document = store.read("simulation.json")
-    if document is None or document.get("digests") != digests:
-        return None
-    from cdobs_cli.simulate.archive import from_file
-
-    return from_file(store.folder / "simulation.npz", document)
 
 
 def report(work: Work) -> list[Path]:
@@ -166,12 +172,10 @@ def report(work: Work) -> list[Path]:
     made = work.check or work.store.check()
     if made is None or made.digests != {"key": work.design_key, "design": digest(design.document())}:
         raise ArtefactError(f"{work.store.folder}: no current check.json for this design; run `cdobs check` first")
-    if work.run is None and work.spec.simulation is not None and design.outcome != "none":
-        digests = {"key": work.key("plant", "measurement", "observer", "simulation"), "design": digest(design.document())}
-        work.run = _stored_run(work.store, digests)
     work.design, work.check = design, made
-    key = digest({"design": design.document(), "check": made.document(), "run": work.run.document() if work.run else None})
-    return _render(work, design, made, key)
+    if work.simulation is None and work.spec.simulation is not None and design.outcome != "none":
+        work.simulation = _current_simulation(work, design)
+    return _render(work, design, made)
 
 
 def report_model(work: Work, digests: Mapping[str, str]) -> Report:
@@ -187,17 +191,20 @@ def report_model(work: Work, digests: Mapping[str, str]) -> Report:
     )  # fmt: skip
 
 
-def _render(work: Work, design: Design, made: Check, key: str) -> list[Path]:
-    digests = {"spec": work.design_key, "artefacts": key, **made.digests}
+def _render(work: Work, design: Design, made: Check) -> list[Path]:
+    digests = {"design": digest(design.document()), "check": digest(made.document()), "simulation": digest(work.simulation)}
+    # What the page shows and is not in an artefact.
+    content = digest(
+        {**digests, "spec": work.spec.normalised(), "title": work.spec.title, "path": str(work.spec.source_path), "cdobs": __version__}
+    )
     marker = work.store.folder / ".report.sha256"
-    content = digest([key, work.spec.title, str(work.spec.source_path)])
-    if (
-        "report" not in work.forced
-        and marker.exists()
-        and marker.read_text().strip() == content
-        and (work.store.folder / "report.html").exists()
-    ):
+    page = work.store.folder / "report.html"
+    if "report" not in work.forced and page.is_file() and marker.is_file() and marker.read_text().strip() == content:
         return []
+    if work.run is None and work.simulation is not None:
+        from cdobs_cli.simulate.archive import from_file
+
+        work.run = from_file(work.store.folder / "simulation.npz", work.simulation)
     from cdobs_cli.report.files import render
 
     paths = work.store.write_files(render(report_model(work, digests)))
@@ -211,5 +218,5 @@ def documents(work: Work) -> dict[str, dict[str, Any] | None]:
     return {
         "design": work.design.document() if work.design else None,
         "check": work.check.document() if work.check else None,
-        "simulation": work.run.document() if work.run else None,
+        "simulation": work.simulation,
     }

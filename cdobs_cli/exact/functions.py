@@ -158,7 +158,6 @@ DERIVATIVES: dict[str, tuple[Rule, ...]] = {
 }
 
 
-
 def branch_derivative(function: str, arguments: tuple[Expression, ...], slopes: tuple[Expression, ...]) -> Expression:
     """The derivative of min, max or sat: slope_b + step(..) (slope_a - slope_b).
 
