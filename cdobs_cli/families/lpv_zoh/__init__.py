@@ -1,0 +1,1 @@
+"""LPV observers with held innovation (Boukal2020)."""

@@ -1,0 +1,210 @@
+"""Boukal2020 in the paper's order, then the forms that are true of it: pure mathematics.
+
+    xhatdot = A xhat + phi(xhat, u) + B u + L (y(t_k) - C xhat(t_k)),    e = x - xhat,
+    edot = (A_i - L C) e + L w,    w = C (e - e(t_k)),    A_i = A + V at a corner of the slope box.
+
+Every inequality is one function of numpy arrays (search) or exact matrices (proof); `identity` is that of
+the size the equation needs, in the same arithmetic.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any, TypeAlias
+
+from cdobs_cli.exact.matrix import block, symmetric
+from cdobs_cli.hybrid import ErrorMaps, PlantView
+
+# A numpy array, or an exact Matrix.
+Mat: TypeAlias = Any
+
+
+def vertices_25(view: PlantView[Mat]) -> list[Mat]:
+    """The vertices A_i = A + V of the error's flow, over the slopes that vary.
+
+        V_H = {Phi : Phi_j in {lower_j, upper_j}}
+
+    Shapes: (n, n) each, 2^(number of uncertain slopes) of them; the order is that of
+    `itertools.product` over (lower, upper) of `view.entries`.
+    Source: Boukal2020, (23), (25).
+    Deviates: the paper takes 2^n corners; only the entries on which phi depends are needed.
+    """
+    A: Any = view.A
+    corners = []
+    for v in product(*zip(view.lower, view.upper, strict=True)):
+        A_i = A
+        for value, (i, j) in zip(v, view.entries, strict=True):
+            A_i = A_i + (view.unit(i) @ view.unit(j).T) * value
+        corners.append(A_i)
+    return corners
+
+
+def error_maps(view: PlantView[Mat]) -> ErrorMaps[Mat]:
+    """The error with the held innovation, augmented by w = C (e - e(t_k)), which a sample sets to 0.
+
+        d/dt (e, w) = [[A_i - L C, L], [C (A_i - L C), C L]] (e, w),    (e, w)+ = (e, 0)
+
+    Shapes: A (n, n), C (p, n), L (n, p); the flow is (n + p, n + p).
+    Source: Boukal2020, (24), written over (e, w).
+    """
+    A, C, L = view.A, view.C, view.gain["L"]
+    n = A.shape[0]
+    units: list[Any] = [view.unit(i) for i in range(n)]
+    I_n = block([units])
+    F: Any = A - L @ C
+    held = C.T * 0
+    return ErrorMaps(
+        base=block([[F, L], [C @ F, C @ L]]),
+        left=tuple(block([[units[i]], [C @ units[i]]]) for i, _ in view.entries),
+        right=tuple(block([[units[j].T, held[[j], :]]]) for _, j in view.entries),
+        lower=view.lower,
+        upper=view.upper,
+        jump=block([[I_n, held], [held.T, (C @ C.T) * 0]]),
+    )
+
+
+def lemma_5_rate(alpha: Any, beta: Any, exp_alpha_tau: Any) -> Any:
+    """The decay rate of V where Vdot <= -alpha V + beta V(t_k), beta < alpha, T_k <= tau.
+
+        phi = (alpha - beta) exp(-alpha tau)
+
+    V decays at rate phi, |e| at phi / 2. `exp_alpha_tau` is exp(alpha tau) in the caller's arithmetic.
+    Source: Boukal2020, Lemma 5.
+    """
+    return (alpha - beta) / exp_alpha_tau
+
+
+def lmi_26(P: Mat, Y: Mat, A_i: Mat, C: Mat, R: Mat, tau_max: Any, delta: Any, mu: Any, identity: Mat) -> Mat:
+    """The printed inequality: this matrix <= 0 at each vertex.
+
+        A_i' P - C' Y' + P A_i - Y C + Y Y' + 2 tau_max^2 delta R'R + mu I <= 0,    R = [0, 1, 0, .., 0]
+
+    Shapes: P, A_i, identity (n, n); Y (n, 1); C, R (1, n).
+    Source: Boukal2020, Theorem 1, (26).
+    """
+    return symmetric(P @ A_i - Y @ C) + Y @ Y.T + (R.T @ R) * (2 * tau_max * tau_max * delta) + identity * mu
+
+
+def lmi_26_schur(P: Mat, Y: Mat, A_i: Mat, C: Mat, R: Mat, tau_max: Any, delta: Any, mu: Any, identity: Mat, one: Mat) -> Mat:
+    """(26) with Y Y' taken out by a Schur complement, affine in (P, Y, mu): this matrix <= 0.
+
+        [[Sym(P A_i - Y C) + 2 tau_max^2 delta R'R + mu I, Y], [Y', -1]] <= 0
+
+    Shapes: as `lmi_26`; `one` is the 1 x 1 identity.
+    Source: Boukal2020, Theorem 1, (26).
+    """
+    corner = symmetric(P @ A_i - Y @ C) + (R.T @ R) * (2 * tau_max * tau_max * delta) + identity * mu
+    return block([[corner, Y], [Y.T, -one]])
+
+
+def theorem_1_beta(tau_max: Any, lambda_max: Any, L_1: Any) -> Any:
+    """beta = 2 tau_max^2 lambda_max(P) L_1^2. Source: Boukal2020, Theorem 1.
+
+    Deviates: the bound on V(t_k) needs 1 / lambda_min(P) in place of lambda_max(P).
+    """
+    return 2 * tau_max * tau_max * lambda_max * L_1 * L_1
+
+
+def theorem_1_alpha_1(mu: Any, lambda_min: Any) -> Any:
+    """alpha_1 = mu lambda_min(P). Source: Boukal2020, Theorem 1.
+
+    Deviates: mu / lambda_max(P) is what e'e >= V_1 / lambda_max(P) gives.
+    """
+    return mu * lambda_min
+
+
+def theorem_1_alpha_2(tau_max: Any, delta: Any) -> Any:
+    """alpha_2 = 2 tau_max (delta - 1). Source: Boukal2020, Theorem 1.
+
+    Deviates: the paper has three versions of it; (delta - 1) / (delta tau_max) is what the proof gives.
+    """
+    return 2 * tau_max * (delta - 1)
+
+
+def remark_2_T_1_squared(mu: Any, lambda_min: Any, lambda_max: Any, L_1: Any) -> Any:
+    """T_1^2 = 2 mu lambda_min(P) / (3 lambda_max(P) L_1^2). Source: Boukal2020, Remark 2, (39).
+
+    Deviates: beta < alpha_1 as printed means tau_max^2 < mu lambda_min(P) / (2 lambda_max(P) L_1^2).
+    """
+    return 2 * mu * lambda_min / (3 * lambda_max * L_1 * L_1)
+
+
+def remark_2_T_2_squared(delta: Any, lambda_max: Any, L_1: Any) -> Any:
+    """T_2^2 = (delta - 1) / (lambda_max(P) L_1^2). Source: Boukal2020, Remark 2, (40)."""
+    return (delta - 1) / (lambda_max * L_1 * L_1)
+
+
+def repaired_delta(alpha: Any, tau_max: Any) -> Any:
+    """delta = 1 / (1 - alpha tau_max), for alpha tau_max < 1: then the term of V_2 decays at alpha too.
+
+    Source: Boukal2020, (35)-(36) with the lower limit t - tau_max in V_2 in place of t_k.
+    """
+    return 1 / (1 - alpha * tau_max)
+
+
+def repaired_flow(P: Mat, L: Mat, F_i: Mat, R: Mat, tau_max: Any, alpha: Any, one: Mat) -> Mat:
+    """The first inequality of the repaired Theorem 1: this matrix <= 0 at each vertex.
+
+        [[Sym(P F_i) + 2 tau_max^2 delta R'R + alpha P, P L], [L' P, -1]] <= 0,    delta = 1 / (1 - alpha tau_max)
+
+    It gives Vdot <= -alpha V + 2 tau_max^2 L_1^2 e_1(t_k)^2 for V = e'Pe + 2 tau_max delta times the double
+    integral of e_2^2 over [t - tau_max, t]. For the class (16) only: n >= 2, C = e_1', first row of A = e_2'.
+    Shapes: P, F_i = A_i - L C (n, n); L (n, 1); R (1, n).
+    Source: Boukal2020, Theorem 1, proof.
+    Deviates: the printed V_2 has the lower limit t_k and then no negative term.
+    """
+    delta = repaired_delta(alpha, tau_max)
+    corner = symmetric(P @ F_i) + (R.T @ R) * (2 * tau_max * tau_max * delta) + P * alpha
+    return block([[corner, P @ L], [(P @ L).T, -one]])
+
+
+def repaired_jump(P: Mat, C: Mat, L_1: Any, tau_max: Any, beta: Any) -> Mat:
+    """The second inequality of the repaired Theorem 1: this matrix > 0 for some beta < alpha.
+
+        beta P - 2 tau_max^2 L_1^2 C'C > 0
+
+    Shapes: P (n, n), C (1, n); L_1 the first entry of L.
+    Source: Boukal2020, Theorem 1, beta.
+    Deviates: the printed side condition compares eigenvalues, and the wrong ones.
+    """
+    return P * beta - (C.T @ C) * (2 * tau_max * tau_max * L_1 * L_1)
+
+
+def wirtinger(P: Mat, U: Mat, F_i: Mat, L: Mat, C: Mat, q: Any, sigma: Any, identity: Mat) -> Mat:
+    """Decay at rate sigma for every T_k <= tau_max: this matrix < 0 at each vertex, with P > 0, U > 0.
+
+        [[Sym(P F_i) + 2 sigma P, P L], [L' P, -U]] + q G_i' U G_i < 0,
+        G_i = [C F_i, C L + sigma I],    q = (2 tau_max / pi)^2
+
+    Proof: V = e'Pe + the integral over [t_k, t] of exp(-2 sigma (t - s)) (q |wdot + sigma w|_U^2 - |w|_U^2).
+    By Wirtinger's inequality for exp(sigma s) w, which is 0 at t_k, the integral is >= 0; a sample sets it
+    to 0; and this matrix makes Vdot + 2 sigma V < 0. So |e(t)| <= sqrt(cond P) exp(-sigma t) |e(0)|.
+    The matrix is convex in F_i: its sign at the vertices decides for the whole slope box.
+    Shapes: P, F_i (n, n); U, identity (p, p); L (n, p); C (p, n).
+    """
+    G = block([[C @ F_i, C @ L + identity * sigma]])
+    flow = block([[symmetric(P @ F_i) + P * (2 * sigma), P @ L], [(P @ L).T, -U]])
+    return flow + (G.T @ U @ G) * q
+
+
+def wirtinger_synthesis(P: Mat, S: Mat, Y: Mat, U: Mat, A_i: Mat, C: Mat, q: Any, epsilon: Any, sigma: Any) -> Mat:
+    """`wirtinger` with the gain free, L = S^-1 Y: this symmetric matrix < 0 at each vertex, for one epsilon > 0.
+
+    Rows (e, w, edot), from 2 (e + epsilon edot)' S (F_i e + L w - edot) = 0:
+
+        (1,1) Sym(S A_i - Y C) + 2 sigma P    (1,2) Y                    (1,3) P - S + epsilon (S A_i - Y C)'
+                                              (2,2) (q sigma^2 - 1) U    (2,3) epsilon Y' + q sigma U C
+                                                                         (3,3) -epsilon (S + S') + q C' U C
+
+    Shapes: P, S, A_i (n, n); Y (n, p); U (p, p); C (p, n). S need not be symmetric.
+    """
+    F = S @ A_i - Y @ C
+    coupling = P - S + F.T * epsilon
+    held = Y.T * epsilon + (U @ C) * (q * sigma)
+    return block(
+        [
+            [symmetric(F) + P * (2 * sigma), Y, coupling],
+            [Y.T, U * (q * sigma * sigma - 1), held],
+            [coupling.T, held.T, (C.T @ U @ C) * q - symmetric(S) * epsilon],
+        ]
+    )
