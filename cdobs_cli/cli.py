@@ -27,6 +27,9 @@ class Format(StrEnum):
 
     text = "text"
     json = "json"
+    junit = "junit"
+    sarif = "sarif"
+    github = "github"
 
 
 Paths = Annotated[list[Path], typer.Argument(metavar="PATH..", help="A spec, or a directory: every *.yaml and *.yml below it.")]
@@ -150,14 +153,14 @@ def schema() -> None:
 
 
 @app.command()
-def theorems(output: OutputFormat = Format.text) -> None:
+def theorems(as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False) -> None:
     """List what is implemented: name, source, equation, file:line."""
     from cdobs_cli.catalogue import catalogue, catalogue_text
 
-    if output is Format.json:
+    if as_json:
         import json
 
-        typer.echo(json.dumps([entry.document() for entry in catalogue()], indent=2))
+        typer.echo(json.dumps([entry.document() for entry in catalogue()], indent=1))
     else:
         typer.echo(catalogue_text(), nl=False)
 

@@ -1,0 +1,64 @@
+"""JUnit XML: a test suite for each spec, a test case for each required claim, each `expect` entry, and the rest."""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+
+from cdobs_cli.errors import ExitCode
+from cdobs_cli.outcome import Message, Result
+
+# Characters that XML 1.0 cannot hold.
+_FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def document(command: str, results: list[Result], code: ExitCode) -> str:
+    """<testsuites> with one <testsuite> a spec; findings are failures, the rest errors."""
+    root = ET.Element("testsuites", name=f"cdobs {command}")
+    totals = {"tests": 0, "failures": 0, "errors": 0}
+    for result in results:
+        suite = _suite(command, result)
+        root.append(suite)
+        for name in totals:
+            totals[name] += int(suite.attrib[name])
+    root.attrib.update({name: str(number) for name, number in totals.items()})
+    root.set("time", f"{sum(result.seconds for result in results):.3f}")
+    ET.indent(root)
+    return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(root, encoding="unicode")
+
+
+def _suite(command: str, result: Result) -> ET.Element:
+    cases = _cases(result)
+    kind = "failure" if result.status == "finding" else "error"
+    broken = sum(bool(messages) for messages in cases.values())
+    suite = ET.Element(
+        "testsuite",
+        name=_clean(result.spec),
+        tests=str(len(cases)),
+        failures=str(broken if kind == "failure" else 0),
+        errors=str(broken if kind == "error" else 0),
+        skipped="0",
+        time=f"{result.seconds:.3f}",
+    )
+    for name, messages in cases.items():
+        case = ET.SubElement(suite, "testcase", name=_clean(name), classname=_clean(result.spec), time="0")
+        if messages:
+            told = ET.SubElement(case, kind, message=_clean(messages[0].text), type=_clean(messages[0].rule))
+            told.text = _clean("\n".join(str(message) for message in messages))
+    return suite
+
+
+def _cases(result: Result) -> dict[str, list[Message]]:
+    """Test case name -> its findings: none where it holds. A suite is never empty."""
+    cases: dict[str, list[Message]] = {"spec": []}
+    for claim in (result.check or {}).get("claims", ()):
+        if claim["required"]:
+            cases[claim["id"]] = []
+    for message in result.messages:
+        name = message.field or message.rule if message.rule in ("expect", "spec") else message.rule
+        cases.setdefault(name, []).append(message)
+    return cases
+
+
+def _clean(text: str) -> str:
+    return _FORBIDDEN.sub("?", text)
