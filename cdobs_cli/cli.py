@@ -32,6 +32,13 @@ class Format(StrEnum):
     github = "github"
 
 
+class Plain(StrEnum):
+    """Formats of what is not about specs."""
+
+    text = "text"
+    json = "json"
+
+
 Paths = Annotated[list[Path], typer.Argument(metavar="PATH..", help="A spec, or a directory: every *.yaml and *.yml below it.")]
 Out = Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where results go, one folder a spec.")]
 Effort = Annotated[int, typer.Option(min=0, max=3, help="Refinement of searches and counterexamples.")]
@@ -153,11 +160,11 @@ def schema() -> None:
 
 
 @app.command()
-def theorems(as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False) -> None:
+def theorems(output: Annotated[Plain, typer.Option("--format", help="Format of stdout.")] = Plain.text) -> None:
     """List what is implemented: name, source, equation, file:line."""
     from cdobs_cli.catalogue import catalogue, catalogue_text
 
-    if as_json:
+    if output is Plain.json:
         import json
 
         typer.echo(json.dumps([entry.document() for entry in catalogue()], indent=1))
