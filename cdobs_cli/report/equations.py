@@ -1,0 +1,409 @@
+"""Expressions as mathematics: one small tree of typeset pieces, printed as LaTeX (Markdown) and as MathML (HTML)."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from html import escape
+
+from cdobs_cli.exact.expression import MINUS_ONE, Call, Constant, Expression, Number, Power, Variable
+from cdobs_cli.exact.numbers import ExactMatrix, fraction_text
+
+# A longer formula is named by its size: nobody reads it, and sharing inside a tree can make it exponentially long.
+MAX_OPERATIONS = 400
+MAX_DEPTH = 60
+
+_LOWER = (
+    "alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "iota", "kappa", "lambda", "mu", "nu", "xi", "omicron", "pi",
+    "rho", "sigma", "tau", "upsilon", "phi", "chi", "psi", "omega",
+)  # fmt: skip
+_UPPER = ("Gamma", "Delta", "Theta", "Lambda", "Xi", "Pi", "Sigma", "Upsilon", "Phi", "Psi", "Omega")
+GREEK = dict(zip((*_LOWER, *_UPPER), "αβγδεζηθικλμνξοπρστυφχψωΓΔΘΛΞΠΣΥΦΨΩ", strict=True))
+_LATEX_SYMBOLS = {"·": r"\cdot", "−": "-", "∈": r"\in", "≤": r"\le", "≥": r"\ge", "…": r"\dots", "→": r"\to"}
+_NAMED_FUNCTIONS = frozenset({"sin", "cos", "tan", "tanh", "sinh", "cosh", "exp", "log", "min", "max"})
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A typeset piece."""
+
+
+@dataclass(frozen=True)
+class Symbol(Formula):
+    """A letter, a Greek letter by name, or an upright word."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Digits(Formula):
+    """A number as text."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Operator(Formula):
+    """+, −, =, brackets, commas."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Words(Formula):
+    """Plain words inside a formula."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Row(Formula):
+    """Pieces side by side."""
+
+    parts: tuple[Formula, ...]
+
+
+@dataclass(frozen=True)
+class Ratio(Formula):
+    """A fraction with a bar."""
+
+    top: Formula
+    bottom: Formula
+
+
+@dataclass(frozen=True)
+class Script(Formula):
+    """A base with a subscript, a superscript, or both."""
+
+    base: Formula
+    below: Formula | None = None
+    above: Formula | None = None
+
+
+@dataclass(frozen=True)
+class Root(Formula):
+    """A square root."""
+
+    body: Formula
+
+
+@dataclass(frozen=True)
+class Fenced(Formula):
+    """A body between brackets that grow with it."""
+
+    left: str
+    body: Formula
+    right: str
+
+
+@dataclass(frozen=True)
+class Accent(Formula):
+    """dot, hat, underline or overline on a symbol."""
+
+    body: Formula
+    kind: str
+
+
+@dataclass(frozen=True)
+class Array(Formula):
+    """A matrix without brackets."""
+
+    rows: tuple[tuple[Formula, ...], ...]
+
+
+@dataclass(frozen=True)
+class Equation:
+    """left = right (or another relation)."""
+
+    left: Formula
+    right: Formula
+    relation: str = "="
+
+
+# ---------------------------------------------------------------- from expressions
+
+
+def name_formula(name: str) -> Formula:
+    """A user's name: `theta` is θ, `x1` and `x_1` are x with index 1, `hat.x` wears a hat, `d.0` is d with index 1."""
+    head, dot, rest = name.partition(".")
+    if dot:
+        if rest.isdigit():
+            return Script(name_formula(head), Digits(str(int(rest) + 1)))
+        kind = {"hat": "hat", "lower": "underline", "upper": "overline"}.get(head)
+        if kind is None:
+            return Script(name_formula(rest), Symbol(head))
+        inner = name_formula(rest)
+        if isinstance(inner, Script):
+            return Script(Accent(inner.base, kind), inner.below)
+        return Accent(inner, kind)
+    match = re.fullmatch(r"([A-Za-z]+?)_?(\d+)", name) or re.fullmatch(r"([A-Za-z]+?)_(\w+)", name)
+    if match:
+        index = match[2]
+        return Script(Symbol(match[1]), Digits(index) if index.isdigit() else Symbol(index))
+    return Symbol(name)
+
+
+def formula(expression: Expression) -> Formula:
+    """The typeset form of an expression; its size in words where it is too long to read."""
+    depth: dict[Expression, int] = {}
+    size: dict[Expression, int] = {}
+    for node in expression.walk():
+        depth[node] = 1 + max((depth[child] for child in node.children), default=0)
+        size[node] = 1 + sum(size[child] for child in node.children)
+    if depth[expression] > MAX_DEPTH or size[expression] > MAX_OPERATIONS:
+        return Words(f"(an expression of {size[expression]} terms)")
+    return _sum(expression)
+
+
+def matrix(value: ExactMatrix) -> Formula:
+    """A matrix of exact numbers in brackets."""
+    return Fenced("[", Array(tuple(tuple(formula(entry.expression) for entry in row) for row in value.rows)), "]")
+
+
+def _terms(node: Expression) -> list[tuple[bool, Expression]]:
+    """The summands of an expression, each with whether it is subtracted."""
+    if isinstance(node, Call) and node.function == "add":
+        return [term for child in node.children for term in _terms(child)]
+    negative, rest = _split_sign(node)
+    return [(negative, rest)]
+
+
+def _split_sign(node: Expression) -> tuple[bool, Expression]:
+    if isinstance(node, Number) and node.value < 0:
+        return True, Number(-node.value)
+    if isinstance(node, Call) and node.function in ("multiply", "divide"):
+        left, right = node.children
+        if node.function == "multiply" and left == MINUS_ONE:
+            negative, rest = _split_sign(right)
+            return not negative, rest
+        negative, rest = _split_sign(left)
+        if negative:
+            return True, Call(node.function, (rest, right))
+    return False, node
+
+
+def _sum(node: Expression) -> Formula:
+    parts: list[Formula] = []
+    for index, (negative, term) in enumerate(_terms(node)):
+        if negative:
+            parts.append(Operator("−"))
+        elif index:
+            parts.append(Operator("+"))
+        # a - (b + c): a sum behind a minus keeps its brackets.
+        parts.append(_fence(_sum(term)) if negative and _is_sum(term) else _product(term))
+    return parts[0] if len(parts) == 1 else Row(tuple(parts))
+
+
+def _is_sum(node: Expression) -> bool:
+    return len(_terms(node)) > 1 or _split_sign(node)[0]
+
+
+def _fence(body: Formula) -> Formula:
+    return Fenced("(", body, ")")
+
+
+def _factors(node: Expression) -> list[Expression]:
+    if isinstance(node, Call) and node.function == "multiply":
+        return [factor for child in node.children for factor in _factors(child)]
+    return [node]
+
+
+def _product(node: Expression) -> Formula:
+    factors = _factors(node)
+    if len(factors) == 1:
+        return _atom(node)
+    parts: list[Formula] = []
+    previous: Expression | None = None
+    for factor in factors:
+        if previous is not None and isinstance(factor, Number):
+            parts.append(Operator("·"))
+        parts.append(_fence(_sum(factor)) if _is_sum(factor) else _atom(factor))
+        previous = factor
+    return Row(tuple(parts))
+
+
+def _atom(node: Expression) -> Formula:
+    if isinstance(node, Number):
+        text = fraction_text(node.value)
+        if "/" in text:
+            return Ratio(Digits(str(node.value.numerator)), Digits(str(node.value.denominator)))
+        return Digits(text)
+    if isinstance(node, Constant):
+        return Symbol(node.name)
+    if isinstance(node, Variable):
+        return name_formula(node.name)
+    if isinstance(node, Power):
+        return _power(node.base, node.exponent)
+    assert isinstance(node, Call)
+    if node.function in ("add", "multiply"):
+        return _fence(_sum(node))
+    return _function(node)
+
+
+def _power(base: Expression, exponent: Fraction) -> Formula:
+    above = _sum(Number(exponent)) if exponent.denominator == 1 else Words(str(exponent))
+    if exponent == Fraction(1, 2):
+        return Root(_sum(base))
+    if isinstance(base, Call) and base.function in _NAMED_FUNCTIONS and exponent.denominator == 1 and exponent > 1:
+        return Row((Script(Symbol(base.function), None, above), _fence(_list(base.children))))
+    if isinstance(base, Variable | Constant) or (isinstance(base, Number) and base.value >= 0 and base.value.denominator == 1):
+        inner = _atom(base)
+        if isinstance(inner, Script) and inner.above is None:
+            return Script(inner.base, inner.below, above)
+        return Script(inner, None, above)
+    return Script(_fence(_sum(base)), None, above)
+
+
+def _list(arguments: Sequence[Expression]) -> Formula:
+    parts: list[Formula] = []
+    for argument in arguments:
+        if parts:
+            parts.append(Operator(","))
+        parts.append(_sum(argument))
+    return parts[0] if len(parts) == 1 else Row(tuple(parts))
+
+
+def _function(node: Call) -> Formula:
+    a = node.children
+    match node.function:
+        case "divide":
+            return Ratio(_sum(a[0]), _sum(a[1]))
+        case "sqrt":
+            return Root(_sum(a[0]))
+        case "abs":
+            return Fenced("|", _sum(a[0]), "|")
+        case "exp":
+            return Script(Symbol("e"), None, _sum(a[0]))
+        case "monod":
+            return Ratio(_sum(a[0]), _sum(a[1] + a[0]))
+        case "contois":
+            return Ratio(_sum(a[0]), _sum(a[2] * a[1] + a[0]))
+        case "sat":
+            limits = Fenced("[", Row((_sum(a[1]), Operator(","), _sum(a[2]))), "]")
+            return Row((Script(Symbol("sat"), limits), _fence(_sum(a[0]))))
+        case "sign" | "step" as name:
+            return Row((Symbol({"sign": "sgn", "step": "step"}[name]), _fence(_sum(a[0]))))
+        case name:
+            return Row((Symbol(name), _fence(_list(a))))
+
+
+# ---------------------------------------------------------------- LaTeX
+
+
+def latex(piece: Formula) -> str:
+    """LaTeX for mathematics mode."""
+    match piece:
+        case Symbol(name):
+            return _latex_name(name)
+        case Digits(text):
+            return text.replace("e", r"\mathrm{e}") if re.fullmatch(r"-?[\d.]+e-?\d+", text) else text
+        case Operator(text):
+            return _LATEX_SYMBOLS.get(text, text)
+        case Words(text):
+            return rf"\text{{{_latex_text(text)}}}"
+        case Row(parts):
+            return " ".join(latex(part) for part in parts)
+        case Ratio(top, bottom):
+            return rf"\frac{{{latex(top)}}}{{{latex(bottom)}}}"
+        case Script(base, below, above):
+            text = latex(base)
+            text += rf"_{{{latex(below)}}}" if below is not None else ""
+            return text + (rf"^{{{latex(above)}}}" if above is not None else "")
+        case Root(body):
+            return rf"\sqrt{{{latex(body)}}}"
+        case Fenced(left, body, right):
+            return rf"\left{left} {latex(body)} \right{right}"
+        case Accent(body, kind):
+            return rf"\{kind}{{{latex(body)}}}"
+        case Array(rows):
+            lines = r" \\ ".join(" & ".join(latex(cell) for cell in row) for row in rows)
+            return rf"\begin{{matrix}} {lines} \end{{matrix}}"
+    raise TypeError(type(piece).__name__)
+
+
+def _latex_name(name: str) -> str:
+    if name in GREEK and name != "omicron":
+        return f"\\{name}"
+    if name in _NAMED_FUNCTIONS:
+        return f"\\{name}"
+    return name if len(name) == 1 else rf"\mathrm{{{_latex_text(name)}}}"
+
+
+def _latex_text(text: str) -> str:
+    return re.sub(r"([#$%&_{}])", r"\\\1", re.sub(r"[\\^~]", " ", text))
+
+
+def latex_block(equations: Sequence[Equation]) -> str:
+    """Aligned equations."""
+    lines = " \\\\\n".join(f"{latex(e.left)} &{latex(Operator(e.relation))} {latex(e.right)}" for e in equations)
+    return f"\\begin{{aligned}}\n{lines}\n\\end{{aligned}}"
+
+
+# ---------------------------------------------------------------- MathML
+
+
+def mathml(piece: Formula) -> str:
+    """Presentation MathML (the Core subset that browsers draw)."""
+    match piece:
+        case Symbol(name):
+            return f"<mi>{escape(GREEK.get(name, name))}</mi>"
+        case Digits(text):
+            return f"<mn>{escape(text)}</mn>"
+        case Operator(text):
+            return f"<mo>{escape(text)}</mo>"
+        case Words(text):
+            return f"<mtext>{escape(text)}</mtext>"
+        case Row(parts):
+            return f"<mrow>{_mathml_row(parts)}</mrow>"
+        case Ratio(top, bottom):
+            return f"<mfrac>{mathml(top)}{mathml(bottom)}</mfrac>"
+        case Script(base, below, above):
+            if below is None:
+                return f"<msup>{mathml(base)}{mathml(above or Row(()))}</msup>"
+            if above is None:
+                return f"<msub>{mathml(base)}{mathml(below)}</msub>"
+            return f"<msubsup>{mathml(base)}{mathml(below)}{mathml(above)}</msubsup>"
+        case Root(body):
+            return f"<msqrt>{mathml(body)}</msqrt>"
+        case Fenced("[", Array(), "]"):
+            # Brackets by style: stretching needs a mathematics font, which few machines have.
+            return f'<mrow class="matrix">{mathml(piece.body)}</mrow>'
+        case Fenced(left, body, right):
+            fence = '<mo fence="true" stretchy="true">{}</mo>'
+            return f"<mrow>{fence.format(escape(left))}{mathml(body)}{fence.format(escape(right))}</mrow>"
+        case Accent(body, kind):
+            if kind == "underline":
+                return f'<munder accentunder="true">{mathml(body)}<mo stretchy="true">_</mo></munder>'
+            mark = {"dot": "˙", "hat": "^", "overline": "¯"}[kind]
+            return f'<mover accent="true">{mathml(body)}<mo stretchy="{"true" if kind == "overline" else "false"}">{mark}</mo></mover>'
+        case Array(rows):
+            lines = "".join("<mtr>" + "".join(f"<mtd>{mathml(cell)}</mtd>" for cell in row) + "</mtr>" for row in rows)
+            return f"<mtable>{lines}</mtable>"
+    raise TypeError(type(piece).__name__)
+
+
+def _mathml_row(parts: Sequence[Formula]) -> str:
+    """Pieces with a thin space where two factors meet, an unspaced sign where a minus leads."""
+    text = ""
+    for index, part in enumerate(parts):
+        previous = parts[index - 1] if index else None
+        if previous is not None and not isinstance(part, Operator) and not isinstance(previous, Operator):
+            applied = isinstance(part, Fenced) and _names_function(previous)
+            text += "<mo>&#x2061;</mo>" if applied else '<mspace width="0.17em"></mspace>'
+        text += f'<mo form="prefix">{part.text}</mo>' if index == 0 and isinstance(part, Operator) else mathml(part)
+    return text
+
+
+def _names_function(piece: Formula) -> bool:
+    base = piece.base if isinstance(piece, Script) else piece
+    return isinstance(base, Symbol) and (base.name in _NAMED_FUNCTIONS or base.name in ("sat", "sgn", "step"))
+
+
+def mathml_block(equations: Sequence[Equation]) -> str:
+    """Aligned equations as a table without lines."""
+    rows = "".join(
+        f"<mtr><mtd>{mathml(e.left)}</mtd><mtd><mo>{escape(e.relation)}</mo></mtd><mtd>{mathml(e.right)}</mtd></mtr>" for e in equations
+    )
+    return f'<math displaystyle="true"><mtable class="aligned">{rows}</mtable></math>'

@@ -1,0 +1,270 @@
+"""Drawing: charts and ladders to SVG and PNG, their data to CSV. The only module that loads matplotlib.
+
+Pictures are deterministic: no dates, fixed identifiers, text as paths of fonts that come with matplotlib.
+Colours are those of Okabe and Ito, told apart by people with any colour vision; lines differ in dashes too.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import repeat
+from typing import TYPE_CHECKING, Any
+
+from cdobs_cli.chart import Chart, Panel, Series
+from cdobs_cli.report.ladder import Ladder
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+BLACK, ORANGE, SKY, GREEN, BLUE, VERMILLION, PURPLE = "#000000", "#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC79A7"
+ROLE_COLOURS = {"truth": BLACK, "estimate": BLUE, "proved": GREEN, "refuted": VERMILLION, "measured": ORANGE}
+OTHER_COLOURS = (PURPLE, SKY, ORANGE, "#7F7F7F", BLUE, GREEN)
+# The first line of a role, then the further ones: dashes keep them apart where colours cannot.
+ROLE_DASHES: dict[str, Any] = {"truth": "-", "estimate": (0, (5, 1.6)), "proved": (0, (6, 1.5, 1, 1.5)), "refuted": (0, (3, 1.2))}
+FURTHER_DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)), (0, (8, 2)))
+MARKERS = ("o", "s", "^", "D", "v")
+WIDTH = 6.3  # inches: the text width of an A4 paper
+LARGEST = 1e150  # values beyond are not drawn: axes overflow
+_STYLE: Any = {
+    "font.family": "STIXGeneral", "mathtext.fontset": "stix", "font.size": 10.5, "axes.linewidth": 0.7,
+    "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.color": "#DDDDDD", "grid.linewidth": 0.5,
+    "axes.axisbelow": True, "xtick.major.width": 0.7, "ytick.major.width": 0.7, "legend.frameon": False, "legend.fontsize": 9.5,
+    "lines.solid_capstyle": "round", "svg.fonttype": "path", "svg.hashsalt": "cdobs", "svg.image_inline": True,
+    "hatch.linewidth": 0.6, "path.simplify": True, "axes.unicode_minus": True,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """One figure as files."""
+
+    svg: bytes
+    png: bytes
+    csv: bytes
+
+
+def draw(chart: Chart | Ladder) -> Drawing:
+    """The chart as SVG, PNG and CSV."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(_STYLE):
+        if isinstance(chart, Ladder):
+            return Drawing(*_pictures(_ladder_figure(chart)), ladder_csv(chart))
+        return Drawing(*_pictures(_chart_figure(chart)), chart_csv(chart))
+
+
+def _pictures(figure: Figure) -> tuple[bytes, bytes]:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    svg, png = io.BytesIO(), io.BytesIO()
+    svg_canvas: Any = FigureCanvasSVG(figure)
+    svg_canvas.print_svg(svg, metadata={"Date": None, "Creator": None})
+    figure.set_dpi(200)
+    png_canvas: Any = FigureCanvasAgg(figure)
+    png_canvas.print_png(png, metadata={"Software": None})
+    return svg.getvalue(), png.getvalue()
+
+
+# ---------------------------------------------------------------- data
+
+
+def chart_csv(chart: Chart) -> bytes:
+    """What is drawn, one point a row: panel, series, x, y, and y2 for bands."""
+    rows: list[tuple[Any, ...]] = []
+    for number, panel in enumerate(chart.panels, start=1):
+        for series in panel.series:
+            y2 = repeat("") if series.y2 is None else [repr(float(value)) for value in series.y2]
+            rows += [
+                (number, panel.y_label, series.label, repr(float(x)), repr(float(y)), other)
+                for x, y, other in zip(*_same_length(series), y2, strict=False)
+            ]
+    return _csv(("panel", "quantity", "series", "x", "y", "y2"), rows)
+
+
+def _same_length(series: Series) -> tuple[Sequence[Any], Sequence[Any]]:
+    """x and y; a limit has its number in y alone, a mark in x alone."""
+    x, y = list(series.x), list(series.y)
+    if series.kind == "limit":
+        return [math.nan] * len(y), y
+    return (x, [math.nan] * len(x)) if series.kind == "mark" else (x, y)
+
+
+def ladder_csv(ladder: Ladder) -> bytes:
+    """Each rung with both its ends."""
+    return _csv(
+        ("method", "proved", "refuted"),
+        [(rung.label, *("" if end is None else repr(end) for end in (rung.proved, rung.refuted))) for rung in ladder.rungs],
+    )
+
+
+def _csv(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> bytes:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    return text.getvalue().encode()
+
+
+# ---------------------------------------------------------------- charts
+
+
+def _chart_figure(chart: Chart) -> Figure:
+    from matplotlib.figure import Figure
+
+    count = max(1, len(chart.panels))
+    heights = {1: 2.9, 2: 1.95, 3: 1.6}
+    figure = Figure(figsize=(WIDTH, 0.45 + count * heights.get(count, 1.35)), layout="constrained")
+    axes = figure.subplots(count, 1, sharex=len({panel.x_scale for panel in chart.panels}) <= 1, squeeze=False)[:, 0]
+    known: set[str] = set()
+    for index, (ax, panel) in enumerate(zip(axes, chart.panels, strict=False)):
+        _draw_panel(ax, panel, known)
+        if index == count - 1 or panel.x_label != chart.panels[-1].x_label:
+            ax.set_xlabel(_mathematics(panel.x_label))
+    figure.align_ylabels(list(axes))
+    return figure
+
+
+def _draw_panel(ax: Axes, panel: Panel, known: set[str]) -> None:
+    seen: dict[str, int] = {}
+    many = len(panel.series) > 8
+    for series in panel.series:
+        index = seen.get(series.role, 0)
+        seen[series.role] = index + 1
+        _draw_series(ax, series, index, many=many, panel=panel)
+    ax.set_ylabel(_mathematics(panel.y_label))
+    ax.set_xscale(panel.x_scale)
+    if panel.y_scale == "log" and _has_positive(panel):
+        ax.set_yscale("log")
+    _legend(ax, known)
+
+
+def _has_positive(panel: Panel) -> bool:
+    return any(float(value) > 0 for series in panel.series if series.kind != "mark" for value in series.y)
+
+
+def _legend(ax: Axes, known: set[str]) -> None:
+    """Above the axes, each label once in a figure; many runs of one kind count as one."""
+    handles, labels = ax.get_legend_handles_labels()
+    fresh: dict[str, Any] = {}
+    for handle, label in zip(handles, labels, strict=True):
+        short = label.partition(", run ")[0]
+        if short not in known:
+            fresh.setdefault(short, handle)
+    known |= set(fresh)
+    if fresh:
+        columns = len(fresh) if sum(len(label) + 6 for label in fresh) < 80 else 2
+        ax.legend(list(fresh.values()), list(fresh), loc="lower left", bbox_to_anchor=(0, 1.0), ncols=columns,
+                  borderaxespad=0.15, handlelength=2.4, columnspacing=1.6)  # fmt: skip
+
+
+def _draw_series(ax: Axes, series: Series, index: int, *, many: bool, panel: Panel) -> None:
+    colour = ROLE_COLOURS.get(series.role) or OTHER_COLOURS[index % len(OTHER_COLOURS)]
+    # An estimate is dashed to show the truth below it; alone it is easier to read as a full line.
+    alone = series.role == "estimate" and not any(other.role == "truth" for other in panel.series)
+    first = "-" if alone else ROLE_DASHES.get(series.role, "-")
+    dashes = first if index == 0 or many else FURTHER_DASHES[index % len(FURTHER_DASHES)]
+    label = _mathematics(series.label)
+    x = _drawable(series.x)
+    y = _drawable(series.y, positive=panel.y_scale == "log")
+    width = 0.7 if many and index else 1.5
+    line: dict[str, Any] = {"color": colour, "linestyle": "-" if many else dashes, "linewidth": width, "label": label}
+    match series.kind:
+        case "line":
+            ax.plot(x, y, **line, alpha=0.6 if many and series.role != "proved" else 1.0)
+        case "steps":
+            ax.step(x, y, where="post", **line)
+        case "points":
+            marker = MARKERS[index % len(MARKERS)]
+            ax.plot(x, y, linestyle="none", marker=marker, markersize=3.6, color=colour, markeredgecolor="white", markeredgewidth=0.4,
+                    label=label, zorder=4)  # fmt: skip
+        case "stems":
+            ax.vlines(x, 0, y, color=colour, linewidth=1.0, alpha=0.8)
+            ax.plot(x, y, linestyle="none", marker="o", markersize=3, color=colour, label=label)
+        case "band":
+            y2 = _drawable(series.y2, positive=panel.y_scale == "log")
+            ax.fill_between(x, y, y2, color=colour, alpha=0.18, linewidth=0, label=label)
+            ax.plot(x, y, color=colour, linewidth=0.8)
+            ax.plot(x, y2, color=colour, linewidth=0.8)
+        case "limit":
+            for value in y[:1]:
+                if math.isfinite(value):
+                    ax.axhline(value, **line)
+        case "mark":
+            for value in x[:1]:
+                if math.isfinite(value):
+                    ax.axvline(value, **(line | {"linewidth": 1.1}))
+
+
+def _drawable(values: Any, *, positive: bool = False) -> Any:
+    """Floats with what an axis cannot show replaced by gaps."""
+    import numpy as np
+
+    array = np.array(values, dtype=float)
+    with np.errstate(invalid="ignore"):
+        shown = np.isfinite(array) & (np.abs(array) < LARGEST) & ((array > 0) if positive else True)
+    return np.where(shown, array, np.nan)
+
+
+def _mathematics(text: str) -> str:
+    """The text as it is where its `$..$` can be set, with plain dollars where not."""
+    if "$" not in text:
+        return text
+    from matplotlib.mathtext import MathTextParser
+
+    try:
+        if text.replace(r"\$", "").count("$") % 2 == 0:
+            MathTextParser("path").parse(text)
+            return text
+    except ValueError:
+        pass
+    return text.replace("$", r"\$")
+
+
+# ---------------------------------------------------------------- ladders
+
+
+def _ladder_figure(ladder: Ladder) -> Figure:
+    from matplotlib.figure import Figure
+
+    count = len(ladder.rungs)
+    figure = Figure(figsize=(WIDTH, 0.95 + 0.36 * count), layout="constrained")
+    ax = figure.subplots()
+    ends = [end for rung in ladder.rungs for end in (rung.proved, rung.refuted) if end is not None and math.isfinite(end) and end > 0]
+    largest, smallest = max(ends, default=1.0), min(ends, default=1.0)
+    logarithmic = largest > 40 * smallest
+    left, right = (smallest / 3, largest * 2) if logarithmic else (0.0, largest * 1.15)
+    for row, rung in enumerate(ladder.rungs):
+        y = count - 1 - row
+        if rung.proved is not None and rung.proved > 0:
+            ax.barh(y, min(rung.proved, right) - left, left=left, height=0.56, color=GREEN, edgecolor=GREEN, linewidth=0.6)
+        if rung.refuted is not None and rung.refuted < right:
+            start = max(rung.refuted, left)
+            ax.barh(y, right - start, left=start, height=0.56, facecolor="#FBE3D3", edgecolor=VERMILLION, hatch="////", linewidth=0.6)
+        ax.text(1.02, y, rung.text, transform=ax.get_yaxis_transform(), va="center", fontsize=9.5)
+    if logarithmic:
+        ax.set_xscale("log")
+    ax.set_xlim(left, right)
+    ax.set_ylim(-0.6, count - 0.4)
+    ax.set_yticks(range(count), [_mathematics(rung.label) for rung in reversed(ladder.rungs)])
+    ax.tick_params(axis="y", length=0)
+    ax.grid(visible=False, axis="y")
+    ax.set_xlabel(_mathematics(ladder.x_label))
+    _ladder_legend(ax, ladder)
+    return figure
+
+
+def _ladder_legend(ax: Axes, ladder: Ladder) -> None:
+    from matplotlib.patches import Patch
+
+    handles = []
+    if any(rung.proved is not None for rung in ladder.rungs):
+        handles.append(Patch(facecolor=GREEN, label="proved"))
+    if any(rung.refuted is not None for rung in ladder.rungs):
+        handles.append(Patch(facecolor="#FBE3D3", edgecolor=VERMILLION, hatch="////", linewidth=0.6, label="refuted"))
+    ax.legend(handles=handles, loc="lower left", bbox_to_anchor=(0, 1.0), ncols=2, borderaxespad=0.15)

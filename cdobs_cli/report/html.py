@@ -1,0 +1,94 @@
+"""report.html: one file with its style, its formulas (MathML) and its figures (SVG) inside; nothing is fetched or run."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from html import escape
+
+from cdobs_cli.report.blocks import Block, Bullets, Cell, Code, Grid, Listing, Mark, Mathematics, Paragraph, Picture
+from cdobs_cli.report.equations import mathml_block
+from cdobs_cli.report.model import Report
+from cdobs_cli.report.sections import sections
+from cdobs_cli.report.style import page
+from cdobs_cli.report.text import SYMBOLS, bracket_sentence
+
+STATUS_CLASSES = {
+    "proved": "proved", "holds": "proved", "refuted": "refuted", "fails": "refuted", "failed": "refuted", "invalid": "refuted",
+    "no design found": "refuted", "undecided": "undecided",
+}  # fmt: skip
+_NUMBER = re.compile(r"[−-]?[\d.]+(e-?\d+)?|∞|–")
+
+
+def html_page(report: Report, pictures: Mapping[str, bytes]) -> str:
+    """The report as one page; `pictures` holds the SVG of each chart by name."""
+    body = [f"<h1>{escape(report.title)}</h1>", _headline(report)]
+    for section in sections(report):
+        body.append(f"<h2>{escape(section.title)}</h2>")
+        body += [_block(block, pictures) for block in section.blocks]
+    return page(escape(report.title), "\n".join(body))
+
+
+def _headline(report: Report) -> str:
+    lines = [f'<p class="verdict">{SYMBOLS[report.verdict]} {escape(report.verdict)}</p>', f"<p>{escape(report.sentence)}</p>"]
+    if bracket := bracket_sentence(report):
+        lines.append(f"<p><strong>{escape(bracket)}</strong></p>")
+    lines += [f'<p class="soft">Condition: {escape(condition)}</p>' for condition in report.conditions]
+    return f'<div class="headline {STATUS_CLASSES.get(report.verdict, "")}">{"".join(lines)}</div>'
+
+
+def _block(block: Block, pictures: Mapping[str, bytes]) -> str:
+    match block:
+        case Paragraph(text):
+            return f"<p>{escape(text)}</p>"
+        case Bullets(items):
+            return f"<ul>{''.join(f'<li>{escape(item)}</li>' for item in items)}</ul>"
+        case Mathematics(equations):
+            return f'<div class="formula">{mathml_block(equations)}</div>'
+        case Grid():
+            return _grid(block)
+        case Picture(chart):
+            caption = f"<strong>{escape(chart.title)}.</strong> {escape(chart.caption)}"
+            drawing = inline_svg(pictures[chart.name], chart.name, chart.title)
+            return f'<figure><div class="sheet">{drawing}</div><figcaption>{caption}</figcaption></figure>'
+        case Listing(lines):
+            return f"<pre>{escape(chr(10).join(lines))}</pre>"
+    raise TypeError(type(block).__name__)
+
+
+def _grid(grid: Grid) -> str:
+    title = f"<caption>{escape(grid.title)}</caption>" if grid.title else ""
+    head = "".join(f'<th scope="col">{escape(column)}</th>' for column in grid.columns)
+    rows = "".join(f"<tr>{''.join(_cell(cell) for cell in row)}</tr>" for row in grid.rows)
+    caption = f'<p class="caption">{escape(grid.caption)}</p>' if grid.caption else ""
+    return f'<div class="scroll"><table>{title}<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>{caption}'
+
+
+def _cell(cell: Cell) -> str:
+    match cell:
+        case Mark(status):
+            return f"<td>{status_badge(status)}</td>"
+        case Code(text):
+            kind = ' class="name"' if len(text) <= 40 else ""
+            return f"<td{kind}><code>{escape(text)}</code></td>"
+        case _:
+            kind = ' class="number"' if _NUMBER.fullmatch(cell) else ' class="long"' if len(cell) > 60 else ""
+            return f"<td{kind}>{escape(cell)}</td>"
+
+
+def status_badge(status: str) -> str:
+    """A status as symbol and word; the colour only repeats them."""
+    symbol = SYMBOLS.get(status, "·")
+    return f'<span class="status {STATUS_CLASSES.get(status, "")}">{symbol} {escape(status)}</span>'
+
+
+def inline_svg(svg: bytes, prefix: str, title: str) -> str:
+    """An SVG file as an element of a page: no prologue, identifiers made unique by a prefix, a name for readers
+    that cannot see it."""
+    text = svg.decode()
+    text = re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") :], flags=re.DOTALL)
+    mark = re.sub(r"[^A-Za-z0-9]", "-", prefix)
+    text = re.sub(r'\bid="', f'id="{mark}-', text)
+    text = re.sub(r'(xlink:href|href)="#', rf'\1="#{mark}-', text)
+    text = text.replace("url(#", f"url(#{mark}-")
+    return text.replace("<svg ", f'<svg role="img" aria-label="{escape(title)}" ', 1).strip()

@@ -1,0 +1,150 @@
+"""The index page of a directory: one row a spec, sortable, readable from disk without a network."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+from urllib.parse import quote
+
+from cdobs_cli.certificate import Bound
+from cdobs_cli.report.html import status_badge
+from cdobs_cli.report.model import Report, bound_title, bracket_text, float_or_none, number_text
+from cdobs_cli.report.style import page
+
+# Worst first: what needs a look stands on top when sorted.
+_RANK = {"failed": 0, "invalid": 1, "refuted": 2, "no design found": 3, "undecided": 4, "not checked": 5, "proved": 6}
+_SORT = """
+document.querySelectorAll('table.index th button').forEach(function (button) {
+  button.addEventListener('click', function () {
+    var head = button.parentElement, body = head.closest('table').tBodies[0];
+    var column = head.cellIndex, up = head.getAttribute('aria-sort') !== 'ascending';
+    var key = function (row) { var cell = row.cells[column], k = cell.dataset.key; return k === undefined ? cell.textContent : k; };
+    var rows = Array.prototype.slice.call(body.rows);
+    rows.sort(function (a, b) {
+      var x = key(a), y = key(b);
+      if (x === '' || y === '') return (x === '') - (y === '');
+      var order = isNaN(x) || isNaN(y) ? x.localeCompare(y) : x - y;
+      return up ? order : -order;
+    });
+    head.parentElement.querySelectorAll('th').forEach(function (other) { other.removeAttribute('aria-sort'); });
+    head.setAttribute('aria-sort', up ? 'ascending' : 'descending');
+    rows.forEach(function (row) { body.appendChild(row); });
+  });
+});
+"""
+
+
+@dataclass(frozen=True)
+class IndexEntry:
+    """One spec in the index.
+
+    verdict: proved, refuted, undecided, `no design found`, `not checked`, or `invalid` and `failed` where there is no
+    report. link, figure: paths of the report and of a small picture, relative to the page. holds: whether what the
+    spec expects came out (the exit code's question); message: what to know where it did not.
+    """
+
+    name: str
+    title: str
+    verdict: str
+    family: str = ""
+    bound_name: str | None = None
+    bound: Bound | None = None
+    link: str | None = None
+    figure: str | None = None
+    holds: bool | None = None
+    message: str = ""
+    seconds: float | None = None
+
+    @staticmethod
+    def of(report: Report, folder: str, *, seconds: float | None = None) -> IndexEntry:
+        """The entry of a report whose files stand in `folder`, relative to the page."""
+        named = report.headline_bound
+        pictures = [chart.name for chart in report.charts]
+        figure = next((name for name in ("error", "states", *pictures) if name in pictures), None)
+        failed = [f"expected {what}; found {found}" for what, holds, found in report.expectations if not holds]
+        return IndexEntry(
+            report.name, report.title, report.verdict, report.design.family, named[0] if named else None, named[1] if named else None,
+            f"{folder}/report.html", f"{folder}/figures/{figure}.svg" if figure else None,
+            not failed if report.expectations else report.status == "proved",
+            "; ".join(failed) or (report.sentence if report.design.outcome == "none" else ""), seconds,
+        )  # fmt: skip
+
+
+def index_page(entries: Sequence[IndexEntry], title: str = "Observers") -> bytes:
+    """The page; entries keep their order until a heading is clicked."""
+    counts = Counter(entry.verdict for entry in entries)
+    summary = ", ".join(f"{counts[verdict]} {verdict}" for verdict in sorted(counts, key=lambda verdict: (-_RANK.get(verdict, 9), verdict)))
+    columns = ("spec", "family", "verdict", "as expected", "bracket", "picture")
+    sortable = {"spec", "family", "verdict", "as expected", "bracket"}
+    head = "".join(
+        f'<th scope="col">{f"""<button type="button">{column}</button>""" if column in sortable else column}</th>' for column in columns
+    )
+    largest = max((end for entry in entries for end in _finite_ends(entry.bound)), default=1.0)
+    rows = "\n".join(_row(entry, largest) for entry in entries)
+    body = (
+        f"<h1>{escape(title)}</h1>\n<p>{len(entries)} spec{'' if len(entries) == 1 else 's'}: {escape(summary) or 'none'}.</p>\n"
+        f'<table class="index"><thead><tr>{head}</tr></thead><tbody>\n{rows}\n</tbody></table>\n'
+        '<p class="caption">Bracket: what is proved (solid) and what is refuted (hatched); all bars share one scale.</p>'
+    )
+    return page(escape(title), body, wide=True, script=_SORT).encode()
+
+
+def _row(entry: IndexEntry, largest: float) -> str:
+    name = escape(entry.title or entry.name)
+    link = f'<a href="{_address(entry.link)}">{name}</a>' if entry.link else name
+    message = f'<br><span class="soft">{escape(entry.message)}</span>' if entry.message else ""
+    seconds = f" · {number_text(entry.seconds, 3)} s" if entry.seconds is not None else ""
+    expected = "" if entry.holds is None else status_badge("holds" if entry.holds else "fails")
+    picture = (
+        f'<a href="{_address(entry.link or entry.figure)}"><img src="{_address(entry.figure)}" alt="{name}" loading="lazy"></a>'
+        if entry.figure
+        else ""
+    )
+    proved = float_or_none(entry.bound.proved) if entry.bound else None
+    return (
+        f'<tr><td data-key="{escape(entry.name)}">{link}<br><span class="soft">{escape(entry.name)}{seconds}</span>{message}</td>'
+        f"<td>{escape(entry.family.replace('_', ' '))}</td>"
+        f'<td data-key="{_RANK.get(entry.verdict, 9)}">{status_badge(entry.verdict)}</td>'
+        f'<td data-key="{"" if entry.holds is None else int(entry.holds)}">{expected}</td>'
+        f'<td data-key="{"" if proved is None else repr(min(proved, 1e308))}">{_bracket(entry, largest)}</td><td>{picture}</td></tr>'
+    )
+
+
+def _address(path: str | None) -> str:
+    return escape(quote(path or "", safe="/"))
+
+
+def _bracket(entry: IndexEntry, largest: float) -> str:
+    if entry.bound is None or entry.bound_name is None:
+        return ""
+    text = bracket_text(entry.bound)
+    return (
+        f'{_bars(entry.bound, largest)}<strong>{escape(text)}</strong><br><span class="soft">{escape(bound_title(entry.bound_name))}</span>'
+    )
+
+
+def _finite_ends(bound: Bound | None) -> list[float]:
+    ends = [float_or_none(text) for text in (bound.proved, bound.refuted)] if bound else []
+    return [end for end in ends if end is not None and math.isfinite(end) and end > 0]
+
+
+def _bars(bound: Bound, largest: float) -> str:
+    """A bar from 0 to what is proved, hatched from what is refuted on."""
+    width = 100.0
+    scale = width / (1.1 * largest)
+    proved, refuted = float_or_none(bound.proved), float_or_none(bound.refuted)
+    end = min(width, max(0.0, proved * scale)) if proved is not None else 0.0
+    start = min(width, max(0.0, refuted * scale)) if refuted is not None else width
+    lines = "".join(
+        f'<line x1="{x:.1f}" y1="12" x2="{min(width, x + 4):.1f}" y2="4" stroke="#D55E00" stroke-width="0.8"></line>'
+        for x in (start + 3 * step for step in range(int((width - start) / 3) + 1))
+        if x < width
+    )
+    return (
+        f'<svg class="bracket" viewBox="0 0 100 16" preserveAspectRatio="none" role="img" aria-label="{escape(bracket_text(bound))}">'
+        f'<rect x="0" y="4" width="{end:.1f}" height="8" fill="#009E73"></rect>{lines}'
+        '<line x1="0" y1="14" x2="100" y2="14" stroke="currentColor" stroke-width="0.5"></line></svg>'
+    )

@@ -1,0 +1,73 @@
+"""The bracket of every period as one figure: how far each method proves, and from where it fails."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from cdobs_cli.certificate import Bound
+
+
+@dataclass(frozen=True)
+class Rung:
+    """One method: what it proves and what is refuted, as numbers to draw (inf allowed)."""
+
+    label: str
+    proved: float | None
+    refuted: float | None
+    text: str
+
+
+@dataclass(frozen=True)
+class Ladder:
+    """A bar chart of brackets on one axis; `name` is its file name."""
+
+    name: str
+    title: str
+    caption: str
+    x_label: str
+    rungs: tuple[Rung, ...]
+
+
+_CAPTION = "Solid: proved. Hatched: refuted from there on, by a counterexample at that period. Between the two nothing is known."
+
+
+def period_ladder(bounds: Mapping[str, Bound]) -> Ladder | None:
+    """The ladder of `period_max`, its methods, `period_max_any_gain` and the bounds that are periods too; None
+    where no end of any is known."""
+    from cdobs_cli.report.model import bracket_text, float_or_none
+
+    rungs = []
+    for name, label in _labels(bounds).items():
+        bound = bounds[name]
+        proved, refuted = float_or_none(bound.proved), float_or_none(bound.refuted)
+        if proved is not None or (refuted is not None and refuted < math.inf):
+            rungs.append(Rung(label, proved, refuted, bracket_text(bound)))
+    if not rungs:
+        return None
+    unit = next((bounds[name].unit for name in _labels(bounds)), "s")
+    return Ladder("periods", "What is known of the sampling period", _CAPTION, f"sampling period ({unit})", tuple(rungs))
+
+
+def _labels(bounds: Mapping[str, Bound]) -> dict[str, str]:
+    single = {
+        "period_max": "this gain", "period_max_any_gain": "any gain", "guaranteed_period": "guaranteed",
+        "tau_max": "printed theorem", "positivity_period_max": "positivity",
+    }  # fmt: skip
+    labels = {}
+    for name, label in single.items():
+        if name in bounds:
+            labels[name] = label
+        prefix = f"{name}."
+        methods = sorted((other for other in bounds if other.startswith(prefix)), key=lambda other: _height(bounds[other]))
+        labels |= {other: other.removeprefix(prefix).replace("_", " ") for other in methods}
+    return labels
+
+
+def _height(bound: Bound) -> tuple[float, float]:
+    """Lowest rung first."""
+    from cdobs_cli.report.model import float_or_none
+
+    proved, refuted = float_or_none(bound.proved), float_or_none(bound.refuted)
+    return (0.0 if proved is None else proved, math.inf if refuted is None else refuted)

@@ -1,0 +1,300 @@
+"""The report of one spec as a noun, and the only place where numbers are formatted for people.
+
+Bounds are shortened on the safe side: a proved end is never made better by rounding, a refuted end never worse.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Context, Decimal, InvalidOperation
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from cdobs_cli.certificate import Bound, Check, Claim, Status
+from cdobs_cli.chart import Chart, Exhibits
+from cdobs_cli.design import Design
+from cdobs_cli.exact.numbers import plain_decimal
+from cdobs_cli.plant import Plant, SamplingLaw
+from cdobs_cli.report.ladder import Ladder, period_ladder
+from cdobs_cli.report.trajectories import run_charts
+
+if TYPE_CHECKING:
+    from cdobs_cli.families.base import Family
+    from cdobs_cli.hybrid import Observer
+    from cdobs_cli.run import Run
+
+NOTHING = "–"
+BOUND_TITLES = {
+    "period_max": "Largest sampling period, this gain",
+    "period_max_any_gain": "Largest sampling period, any gain",
+    "guaranteed_period": "Guaranteed sampling period",
+    "positivity_period_max": "Largest period that keeps the bounds ordered",
+    "tau_max": "Largest period by the printed theorem",
+    "delta_star": "Limit of the reachable set, δ*",
+    "decay_rate": "Decay rate of the error",
+    "final_width": "Final width of the interval",
+}
+# The bracket of the headline: the first of these that is known.
+HEADLINE_BOUNDS = ("period_max", "guaranteed_period", "positivity_period_max", "tau_max", "period_max_any_gain")
+_PACKAGES = ("numpy", "scipy", "python-flint", "clarabel", "cvxpy", "sympy", "pydantic", "matplotlib")
+
+
+# ---------------------------------------------------------------- numbers for people
+
+
+def number_text(value: float | int | str | None, digits: int = 5) -> str:
+    """A number to so many significant digits, rounded to nearest; text stays text."""
+    if value is None:
+        return NOTHING
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool | int):
+        return str(value)
+    if math.isnan(value):
+        return "not a number"
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    return _plain(Context(prec=digits, rounding=ROUND_HALF_EVEN).create_decimal(Decimal(float(value))))
+
+
+def end_text(text: str | None, digits: int, *, up: bool) -> str:
+    """A decimal string shortened in the stated direction; `inf` as ∞, what is no number as it is."""
+    if text is None:
+        return NOTHING
+    value = _decimal(text)
+    if value is None:
+        return text
+    if value.is_infinite():
+        return "∞" if value > 0 else "−∞"
+    return _plain(Context(prec=digits, rounding=ROUND_CEILING if up else ROUND_FLOOR).plus(value))
+
+
+def margin_text(text: str | None) -> str:
+    """A claim's margin, rounded down."""
+    return end_text(text, 4, up=False)
+
+
+def ends_text(bound: Bound) -> tuple[str, str]:
+    """Both ends of a bracket, shortened to two digits beyond those that they share."""
+    proved, refuted = float_or_none(bound.proved), float_or_none(bound.refuted)
+    smaller, digits = False, 6
+    if proved is not None and refuted is not None and math.isfinite(proved) and math.isfinite(refuted):
+        smaller = proved > refuted
+        gap = abs(proved - refuted) / max(abs(proved), abs(refuted), 1e-300)
+        digits = 20 if gap == 0 else max(6, min(20, math.ceil(-math.log10(gap)) + 2))
+    return end_text(bound.proved, digits, up=smaller), end_text(bound.refuted, digits, up=not smaller)
+
+
+def bracket_text(bound: Bound) -> str:
+    """`[1.713, 1.7131] s`: proved and refuted end."""
+    proved, refuted = ends_text(bound)
+    return f"[{proved}, {refuted}]{unit_text(bound)}"
+
+
+def unit_text(bound: Bound) -> str:
+    """The unit with a space before it, nothing where there is none."""
+    return f" {bound.unit}" if bound.unit and bound.unit != "1" else ""
+
+
+def float_or_none(text: str | None) -> float | None:
+    """The number of a decimal string (inf allowed); None for what is no number."""
+    value = _decimal(text)
+    return None if value is None else float(value)
+
+
+def _decimal(text: str | None) -> Decimal | None:
+    try:
+        value = None if text is None else Decimal(text)
+    except InvalidOperation:
+        return None
+    return None if value is None or value.is_nan() else value
+
+
+def _plain(value: Decimal) -> str:
+    if value != 0 and not -5 < value.adjusted() < 7:
+        return f"{value.normalize():e}".replace("e+", "e").replace("E+", "e").replace("E", "e")
+    return plain_decimal(value)
+
+
+def bound_title(name: str) -> str:
+    """`period_max.clock` is "Largest sampling period, this gain: clock"."""
+    head, _, method = name.partition(".")
+    title = BOUND_TITLES.get(head, head.replace("_", " "))
+    return f"{title}: {method.replace('_', ' ')}" if method else title
+
+
+def law_text(law: SamplingLaw) -> str:
+    """The sampling law in words."""
+    if law.kind == "periodic":
+        return f"every {law.T_max} s"
+    if law.kind == "aperiodic":
+        return f"at intervals anywhere in [{law.T_min}, {law.T_max}] s"
+    return "at instants that the observer chooses"
+
+
+# ---------------------------------------------------------------- the report
+
+
+@dataclass(frozen=True)
+class Report:
+    """Everything that a report says, assembled and not yet written.
+
+    expectations: (what was expected, whether it holds, what was found). What is costly (exhibits, charts,
+    equations, versions) is made when first asked for: a terminal's summary needs none of it.
+    """
+
+    name: str
+    title: str
+    spec_path: str
+    plant: Plant
+    family: Family
+    design: Design
+    check: Check | None
+    run: Run | None
+    expectations: tuple[tuple[str, bool, str], ...] = ()
+    digests: Mapping[str, str] = field(default_factory=dict)
+
+    @cached_property
+    def exhibits(self) -> Exhibits:
+        """What the family adds."""
+        if self.design.outcome == "none":
+            return Exhibits()
+        return self.family.exhibits(self.plant, self.design, self.check, self.run)
+
+    @cached_property
+    def observer(self) -> Observer | None:
+        """The observer's equations, where there is a design."""
+        return None if self.design.outcome == "none" else self.family.observer(self.plant, self.design)
+
+    @cached_property
+    def charts(self) -> tuple[Chart | Ladder, ...]:
+        """Bracket, simulation, family; a family's chart takes the place of a common one of its name."""
+        ladder = period_ladder(self.check.bounds) if self.check else None
+        common: list[Chart | Ladder] = [ladder] if ladder else []
+        if self.run is not None:
+            common += run_charts(self.plant, self.run, proved_envelope(self.family, self.plant, self.design, self.check))
+        own = {chart.name for chart in self.exhibits.charts}
+        return (*(chart for chart in common if chart.name not in own), *self.exhibits.charts)
+
+    @cached_property
+    def versions(self) -> dict[str, str]:
+        """Package -> version."""
+        return installed_versions()
+
+    @property
+    def status(self) -> Status | None:
+        """The verdict; None where nothing was checked."""
+        return self.check.verdict if self.check else None
+
+    @property
+    def verdict(self) -> str:
+        """The verdict in a word or three."""
+        if self.design.outcome == "none":
+            return "no design found"
+        return self.status or "not checked"
+
+    @property
+    def sentence(self) -> str:
+        """What the verdict is about."""
+        if self.design.outcome == "none":
+            return self.design.reason or "The search gave no reason."
+        claim = self.convergence
+        return claim.statement if claim else "The design has not been checked."
+
+    @property
+    def convergence(self) -> Claim | None:
+        """The one consequence that is required."""
+        return self.check.claim("convergence") if self.check else None
+
+    @property
+    def proof(self) -> Claim | None:
+        """The certificate that the consequence names."""
+        claim = self.convergence
+        if self.check is None or claim is None or claim.by is None:
+            return None
+        return self.check.claim(claim.by)
+
+    @property
+    def headline_bound(self) -> tuple[str, Bound] | None:
+        """The bracket of the headline: of the period where one is known."""
+        if self.check is None:
+            return None
+        known = {name: bound for name, bound in self.check.bounds.items() if bound.proved is not None or bound.refuted is not None}
+        name = next((name for name in (*HEADLINE_BOUNDS, *known) if name in known), None)
+        return None if name is None else (name, known[name])
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """What the headline takes for granted."""
+        found = []
+        if self.plant.domain:
+            found.append(f"The states stay where the slopes are claimed: {domain_text(self.plant)}.{self._invariance()}")
+        if self.check is not None and self.status == "proved":
+            bound = self.headline_bound
+            if bound is not None and bound[0] == "period_max" and self.design.sampling.kind == "periodic":
+                found.append("The period is constant; a smaller constant period is not implied by a larger one.")
+        return tuple(found)
+
+    def _invariance(self) -> str:
+        claim = self.check.claim("domain_invariant") if self.check else None
+        if claim is None:
+            return ""
+        words = {"proved": "is proved", "refuted": "is refuted: they can leave it", "undecided": "is not decided"}
+        return f" That they do {words[claim.status]}."
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Every source that is named."""
+        claims = self.check.claims if self.check else ()
+        notes = (*self.exhibits.notes, *(table.caption for table in self.exhibits.tables))
+        return (self.family.source, self.title, *(claim.source for claim in claims), *notes, *(item[0] for item in self.expectations))
+
+
+def domain_text(plant: Plant) -> str:
+    """The domain in one line: `0 ≤ x1 ≤ 1, x2 ≤ x1`."""
+    parts = []
+    for name, interval in plant.domain.box.items():
+        low = f"{interval.lower} ≤ " if interval.lower is not None else ""
+        high = f" ≤ {interval.upper}" if interval.upper is not None else ""
+        parts.append(f"{low}{name}{high}")
+    return ", ".join((*parts, *(f"{expression} ≥ 0" for expression in plant.domain.where)))
+
+
+def build_report(
+    *,
+    name: str,
+    title: str,
+    spec_path: str,
+    plant: Plant,
+    family: Family,
+    design: Design,
+    check: Check | None,
+    run: Run | None,
+    expectations: Sequence[tuple[str, bool, str]],
+    digests: Mapping[str, str],
+) -> Report:
+    """The report of one spec from its artefacts."""
+    return Report(name, title, spec_path, plant, family, design, check, run, tuple(expectations), dict(digests))
+
+
+def proved_envelope(family: Family, plant: Plant, design: Design, check: Check | None) -> Mapping[str, Any] | None:
+    """The family's proved bound on the error over time, where there is one."""
+    return None if check is None or design.outcome == "none" else family.envelope(plant, design, check)
+
+
+def installed_versions() -> dict[str, str]:
+    """Versions of this tool, of Python, and of the packages that numbers depend on."""
+    import platform
+    from importlib.metadata import PackageNotFoundError, version
+
+    from cdobs_cli import __version__
+
+    found = {"cdobs": __version__, "python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return found

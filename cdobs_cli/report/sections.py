@@ -1,0 +1,237 @@
+"""What a report says, in order: from the nouns to sections of blocks."""
+
+from __future__ import annotations
+
+from cdobs_cli.certificate import Claim, Witness
+from cdobs_cli.chart import Table
+from cdobs_cli.report.blocks import Block, Bullets, Cell, Code, Grid, Listing, Mark, Mathematics, Paragraph, Picture, Section
+from cdobs_cli.report.ladder import Ladder
+from cdobs_cli.report.model import NOTHING, Report, bound_title, domain_text, end_text, ends_text, law_text, margin_text, number_text
+from cdobs_cli.report.references import cited
+from cdobs_cli.report.systems import flow_equations, gain_equations, held_equations, jump_equations, output_equations, plant_equations
+from cdobs_cli.run import RunSummary
+
+MAX_RUN_ROWS = 20
+_SIMULATION_CHARTS = ("states", "error", "sampling")
+
+
+def sections(report: Report) -> tuple[Section, ...]:
+    """All sections that have something to say."""
+    made = (
+        _plant(report), _measurement(report), _observer(report), _theorem(report), _claims(report), _bounds(report), _witnesses(report),
+        _simulation(report), _exhibits(report), _expectations(report), _reproduce(report), _references(report),
+    )  # fmt: skip
+    return tuple(section for section in made if section.blocks)
+
+
+def _plant(report: Report) -> Section:
+    plant = report.plant
+    blocks: list[Block] = [Mathematics(plant_equations(plant))]
+    inputs = [
+        f"{source.name} in [{source.range.lower or '−∞'}, {source.range.upper or '∞'}]" if source.range else source.name
+        for source in plant.inputs
+    ]
+    if inputs:
+        blocks.append(Paragraph(f"Known inputs: {', '.join(inputs)}."))
+    for box, letter, what in ((plant.disturbance, "d", "Disturbance"), (plant.noise, "v", "Measurement noise")):
+        if box is not None:
+            ends = ", ".join(f"{letter}{i + 1} in [{low}, {up}]" for i, (low, up) in enumerate(zip(box.lower, box.upper, strict=True)))
+            blocks.append(Paragraph(f"{what}: {ends}."))
+    if plant.domain:
+        blocks.append(Paragraph(f"Domain: {domain_text(plant)}."))
+    return Section("Plant", (*blocks, *_slopes(report)))
+
+
+def _slopes(report: Report) -> tuple[Block, ...]:
+    plant, rows = report.plant, []
+    for i, j in plant.slopes.entries:
+        key = f"{i + 1}.{j + 1}"
+        claim = report.check.claim(f"slopes.{key}") if report.check else None
+        low, up = str(plant.slopes.lower[i, j]), str(plant.slopes.upper[i, j])
+        declared = f"[{low}, {up}]"
+        if (i, j) in plant.slopes.auto:
+            found = report.design.slopes.get(key)
+            low, up = (end_text(found[0], 8, up=False), end_text(found[1], 8, up=True)) if found else (NOTHING, NOTHING)
+            declared = f"auto: [{low}, {up}]"
+        status: Cell = Mark(claim.status) if claim else "not checked"
+        rows.append((f"∂φ{i + 1}/∂{plant.states[j]}", declared, status, margin_text(claim.margin) if claim else NOTHING))
+    if not rows:
+        return (Paragraph("The plant is linear: no slope is claimed."),)
+    where = "on the domain" if plant.domain else "everywhere"
+    grid = Grid(
+        ("slope", "claimed range", "status", "margin"), tuple(rows), "Slopes", f"Bounds of the nonlinearity's slopes, claimed {where}."
+    )
+    return (grid,)
+
+
+def _measurement(report: Report) -> Section:
+    designed, typed = report.design.sampling, report.plant.sampling
+    text = f"Samples are taken {law_text(designed)}."
+    if designed != typed and typed.kind != "updated":
+        text += f" This is the law designed for; the spec asks for samples {law_text(typed)} at least."
+    return Section("Measurement", (Mathematics(output_equations(report.plant)), Paragraph(text)))
+
+
+def _observer(report: Report) -> Section:
+    design = report.design
+    if design.outcome == "none":
+        return Section("Observer", (Paragraph(f"No design was found. {design.reason or ''}".strip()),))
+    origin = "found by the search" if design.outcome == "found" else "given in the spec"
+    blocks: list[Block] = [Paragraph(f"Family {report.family.model_dump().get('family', design.family)}; the gain was {origin}.")]
+    if report.observer is not None:
+        blocks += [Paragraph("Between samples:"), Mathematics(flow_equations(report.observer))]
+        if jumps := jump_equations(report.observer):
+            blocks += [Paragraph("At a sample:"), Mathematics(jumps)]
+        if held := held_equations(report.observer):
+            blocks += [Paragraph("Held from one sample to the next:"), Mathematics(held)]
+    if design.gain:
+        blocks += [Paragraph("The gain, in the decimals that are run and proved:"), Mathematics(gain_equations(design.gain))]
+    return Section("Observer", tuple(blocks))
+
+
+def _theorem(report: Report) -> Section:
+    blocks: list[Block] = [Paragraph(f"Family after {report.family.source}.")]
+    proof = report.proof
+    if proof is not None:
+        method = f" by the method {proof.method}" if proof.method else ""
+        blocks.append(Paragraph(f"Convergence rests on {proof.id}{method}: {_sentence(proof.statement)} Source: {proof.source}."))
+    elif report.convergence is not None and report.convergence.by:
+        blocks.append(Paragraph(f"Convergence rests on {report.convergence.by}. Source: {report.convergence.source}."))
+    return Section("Theorem", tuple(blocks))
+
+
+def _sentence(text: str) -> str:
+    return text if text.endswith((".", "?", "!")) else f"{text}."
+
+
+def _claims(report: Report) -> Section:
+    if report.check is None:
+        return Section("Claims", (Paragraph("Nothing has been checked yet."),))
+    kinds = {"consequence": 0, "premise": 1, "certificate": 2, "printed": 3}
+    order = sorted(report.check.claims, key=lambda claim: kinds[claim.kind])
+    rows = tuple(_claim_row(claim) for claim in order)
+    caption = (
+        "The verdict is decided by the required claims. Certificates are alternatives: one that fails refutes nothing. "
+        "Printed claims put a paper's own data to the test."
+    )
+    return Section("Claims", (Grid(("claim", "status", "kind", "statement", "margin", "method", "source"), rows, "", caption),))
+
+
+def _claim_row(claim: Claim) -> tuple[Cell, ...]:
+    kind = f"{claim.kind}, required" if claim.required else claim.kind
+    method = claim.method or (f"by {claim.by}" if claim.by else NOTHING)
+    return Code(claim.id), Mark(claim.status), kind, claim.statement, margin_text(claim.margin), method, claim.source
+
+
+def _bounds(report: Report) -> Section:
+    blocks: list[Block] = [Picture(chart) for chart in report.charts if isinstance(chart, Ladder)]
+    if report.check is not None and report.check.bounds:
+        rows = tuple(
+            (bound_title(name), *ends_text(bound), bound.unit, bound.method or NOTHING, bound.about or NOTHING)
+            for name, bound in report.check.bounds.items()
+        )
+        caption = "Proved and refuted ends, rounded to the safe side. Between them nothing is known."
+        blocks.append(Grid(("quantity", "proved", "refuted", "unit", "method", "about"), rows, "", caption))
+    return Section("Bounds", tuple(blocks))
+
+
+def _witnesses(report: Report) -> Section:
+    blocks: list[Block] = []
+    for claim in report.check.claims if report.check else ():
+        if claim.witness is not None:
+            blocks += [Paragraph(f"{claim.id}: {witness_text(claim.witness)}"), *_arcs(claim.witness)]
+            if claim.witness.kind in ("constant", "switching"):
+                blocks.append(Listing((f"cdobs simulate {report.spec_path} --witness {claim.id}",)))
+    return Section("Counterexamples", tuple(blocks))
+
+
+def witness_text(witness: Witness) -> str:
+    """What a counterexample is, in a sentence or two."""
+    kind = {
+        "constant": "constant slopes defeat the claim", "switching": "slopes that switch defeat the claim",
+        "vector": "a vector defeats the claim", "point": "a point of the domain defeats the claim",
+    }[witness.kind]  # fmt: skip
+    growth = f" The error grows by {witness.multiplier} in size from period to period." if witness.multiplier else ""
+    about = "It concerns the class: some plant with these slopes." if witness.about == "class" else "It concerns the plant as typed."
+    return f"{kind}.{growth} {about}"
+
+
+def _arcs(witness: Witness) -> tuple[Block, ...]:
+    if not witness.values:
+        return ()
+    width = max(len(row) for row in witness.values)
+    names = [f"slope {i + 1}.{j + 1}" for i, j in witness.entries][:width]
+    names += [f"value {index + 1}" for index in range(len(names), width)]
+    timed = bool(witness.times)
+    rows = []
+    for index, values in enumerate(witness.values[:MAX_RUN_ROWS]):
+        time: tuple[Cell, ...] = (witness.times[index] if index < len(witness.times) else NOTHING,) if timed else ()
+        rows.append((str(index + 1), *time, *values, *[NOTHING] * (width - len(values))))
+    return (Grid(("arc", *(("time (s)",) if timed else ()), *names), tuple(rows)),)
+
+
+def _simulation(report: Report) -> Section:
+    if report.run is None:
+        return Section("Simulation", ())
+    overall, runs = report.run.overall, report.run.summaries
+    blocks: list[Block] = []
+    rows = [_run_row(str(index + 1), summary) for index, summary in enumerate(runs[:MAX_RUN_ROWS])]
+    if len(runs) > 1:
+        rows.append(_run_row("all", overall))
+    columns = ("run", "samples", "shortest period (s)", "longest period (s)", "final error", "RMSE", "inclusion margin", "outcome")
+    caption = f"The first {MAX_RUN_ROWS} of {len(runs)} runs." if len(runs) > MAX_RUN_ROWS else ""
+    blocks.append(Grid(columns, tuple(rows), "", caption))
+    blocks += [Picture(chart) for chart in report.charts if chart.name in _SIMULATION_CHARTS]
+    return Section("Simulation", tuple(blocks))
+
+
+def _run_row(name: str, summary: RunSummary) -> tuple[Cell, ...]:
+    rmse = ", ".join(f"{state} {number_text(value, 4)}" for state, value in summary.rmse.items()) or NOTHING
+    outcome = summary.stopped or ("diverged" if summary.diverged else "left the domain" if summary.left_domain else "completed")
+    numbers = (summary.period_min, summary.period_max, summary.error_final)
+    margin = number_text(summary.inclusion_margin, 4)
+    return name, str(summary.measurements), *(number_text(value) for value in numbers), rmse, margin, outcome
+
+
+def _exhibits(report: Report) -> Section:
+    blocks: list[Block] = []
+    if report.exhibits.notes:
+        blocks.append(Bullets(report.exhibits.notes))
+    blocks += [_table(table) for table in report.exhibits.tables]
+    shown = [chart for chart in report.charts if not isinstance(chart, Ladder) and chart.name not in _SIMULATION_CHARTS]
+    return Section("Details of the design", (*blocks, *(Picture(chart) for chart in shown)))
+
+
+def _table(table: Table) -> Grid:
+    rows = tuple(tuple(number_text(cell) for cell in row) for row in table.rows)
+    return Grid(table.columns, rows, table.title, table.caption)
+
+
+def _expectations(report: Report) -> Section:
+    rows: tuple[tuple[Cell, ...], ...] = tuple(
+        (what, Mark("holds" if holds else "fails"), found) for what, holds, found in report.expectations
+    )
+    return Section("Expectations", (Grid(("expected", "outcome", "found"), rows),) if rows else ())
+
+
+def _reproduce(report: Report) -> Section:
+    blocks: list[Block] = [Listing((f"cdobs run {report.spec_path}", f"cdobs check {report.spec_path}"))]
+    if report.digests:
+        rows: tuple[tuple[Cell, ...], ...] = tuple((name, Code(digest)) for name, digest in report.digests.items())
+        blocks.append(Grid(("artefact", "sha256"), rows))
+    if report.versions:
+        blocks.append(Grid(("software", "version"), tuple(report.versions.items())))
+    solver = report.design.solver
+    if solver is not None:
+        blocks.append(
+            Paragraph(
+                f"The search used {solver.name} {solver.version} ({solver.status}, {solver.iterations} iterations); "
+                "its answer is no evidence: every claim above is proved again from the printed decimals."
+            )
+        )
+    return Section("How to reproduce", tuple(blocks))
+
+
+def _references(report: Report) -> Section:
+    items = tuple(f"{reference.key}: {reference.text}" for reference in cited(report.sources))
+    return Section("References", (Bullets(items),) if items else ())

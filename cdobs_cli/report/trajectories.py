@@ -1,0 +1,120 @@
+"""The charts that every simulation gets: states with their estimates and sample instants, and the error
+with its proved envelope."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from cdobs_cli.chart import Chart, Panel, Series
+from cdobs_cli.plant import Plant
+from cdobs_cli.report.equations import GREEK
+
+if TYPE_CHECKING:
+    from cdobs_cli.run import Run, Trajectory
+
+MAX_PANELS = 8
+MAX_RUNS = 20
+
+
+def axis_name(name: str) -> str:
+    r"""A state's name for an axis: `theta` is $\theta$, `x1` is $x_{1}$; other words as they are."""
+    from cdobs_cli.report.equations import latex, name_formula
+
+    stem = name.rstrip("0123456789").removesuffix("_")
+    if len(stem) == 1 or stem in GREEK:
+        return f"${latex(name_formula(name))}$"
+    return name
+
+
+def run_charts(plant: Plant, run: Run, envelope: Mapping[str, Any] | None = None) -> tuple[Chart, ...]:
+    """The common charts of a run; the first trajectory stands for the states, all of them for the error."""
+    if not run.trajectories or len(run.trajectories[0].t) < 2:
+        return ()
+    charts = [states_chart(plant, run.trajectories[0], len(run.trajectories))]
+    error = error_chart(run, envelope)
+    intervals = intervals_chart(run.trajectories[0])
+    return (*charts, *(chart for chart in (error, intervals) if chart is not None))
+
+
+def states_chart(plant: Plant, trajectory: Trajectory, runs: int = 1) -> Chart:
+    """Each state with its estimate (or its band), and the measurements where an output is one state."""
+    measured = _measured_states(plant)
+    panels = []
+    for j, name in enumerate(plant.states[:MAX_PANELS]):
+        series = [Series("state", trajectory.t, trajectory.x[:, j], "line", "truth"), *_estimates(trajectory, j)]
+        if j in measured and len(trajectory.t_k):
+            k, scale = measured[j]
+            series.append(Series("measurement", trajectory.t_k, trajectory.y_k[:, k] / scale, "points", "measured"))
+        panels.append(Panel("time (s)", axis_name(name), tuple(series)))
+    caption = "Each state with its estimate; dots are measurements, at the instants they are taken."
+    if not measured and len(trajectory.t_k):
+        for k in range(min(plant.p, MAX_PANELS)):
+            samples = Series("measurement", trajectory.t_k, trajectory.y_k[:, k], "points", "measured")
+            panels.append(Panel("time (s)", f"$y_{{{k + 1}}}$", (samples,)))
+    if plant.n > MAX_PANELS:
+        caption += f" The first {MAX_PANELS} of {plant.n} states are drawn."
+    if runs > 1:
+        caption += f" The first of {runs} runs."
+    return Chart("states", "States and estimates", caption, tuple(panels))
+
+
+def _measured_states(plant: Plant) -> dict[int, tuple[int, float]]:
+    """State -> (output, factor) for outputs that are a multiple of one state."""
+    found: dict[int, tuple[int, float]] = {}
+    for k in range(plant.p):
+        row = [float(plant.C[k, j]) for j in range(plant.n)]
+        used = [j for j, value in enumerate(row) if value != 0]
+        if len(used) == 1:
+            found.setdefault(used[0], (k, row[used[0]]))
+    return found
+
+
+def _estimates(trajectory: Trajectory, j: int) -> tuple[Series, ...]:
+    estimates = trajectory.estimates
+    if "x_lower" in estimates and "x_upper" in estimates:
+        band = Series("interval estimate", trajectory.t, estimates["x_lower"][:, j], "band", "estimate", estimates["x_upper"][:, j])
+        return (band,)
+    if "x_hat" in estimates:
+        return (Series("estimate", trajectory.t, estimates["x_hat"][:, j], "line", "estimate"),)
+    return tuple(Series(name, trajectory.t, values[:, j], "line", "other") for name, values in estimates.items())
+
+
+def error_chart(run: Run, envelope: Mapping[str, Any] | None) -> Chart | None:
+    """|x - x_hat| on a logarithmic axis, with factor |e(0)| exp(-rate t) where that is proved; None without
+    a point estimate."""
+    import numpy as np
+
+    first = run.trajectories[0]
+    if "x_hat" not in first.estimates:
+        return None
+    series = []
+    shown = run.trajectories[:MAX_RUNS]
+    start = 0.0
+    for index, trajectory in enumerate(shown):
+        error = np.linalg.norm(trajectory.x - trajectory.estimates["x_hat"], axis=1)
+        start = max(start, float(error[0])) if np.isfinite(error[0]) else start
+        label = "error" if len(shown) == 1 else f"error, run {index + 1}"
+        series.append(Series(label, trajectory.t, error, "line", "estimate"))
+    caption = "Norm of the estimation error."
+    if envelope is not None and start > 0:
+        t = np.linspace(float(first.t[0]), float(first.t[-1]), 200)
+        bound = float(envelope["factor"]) * start * np.exp(-float(envelope["rate"]) * (t - t[0]))
+        series.append(Series("proved envelope", t, bound, "line", "proved"))
+        caption += " The envelope holds for every plant of the class, without disturbance and noise."
+    if len(run.trajectories) > MAX_RUNS:
+        caption += f" The first {MAX_RUNS} of {len(run.trajectories)} runs are drawn."
+    panel = Panel("time (s)", r"$|x - \hat{x}|$", tuple(series), y_scale="log")
+    return Chart("error", "Estimation error", caption, (panel,))
+
+
+def intervals_chart(trajectory: Trajectory) -> Chart | None:
+    """The time from each sample to the next; None where it is constant."""
+    import numpy as np
+
+    periods = np.diff(trajectory.t_k)
+    if len(periods) < 2 or float(np.ptp(periods)) <= 1e-9 * float(np.max(np.abs(periods))):
+        return None
+    series = Series("sampling interval", trajectory.t_k[:-1], periods, "stems", "measured")
+    panel = Panel("time (s)", r"$t_{k+1} - t_k$ (s)", (series,))
+    return Chart("sampling", "Sampling intervals", "The time from each sample to the next.", (panel,))

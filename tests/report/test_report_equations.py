@@ -1,0 +1,56 @@
+"""Formulas: what is printed in LaTeX and MathML for typed expressions."""
+
+from xml.etree import ElementTree
+
+import pytest
+
+from cdobs_cli.exact.expression import Variable, parse
+from cdobs_cli.report.equations import Equation, formula, latex, latex_block, mathml, mathml_block, name_formula
+
+NAMES = frozenset({"theta", "omega", "x1", "x_2", "S", "X", "glucose", "u"})
+
+
+@pytest.mark.parametrize(
+    ("typed", "printed"),
+    [
+        ("sin(theta)", r"\sin \left( \theta \right)"),
+        ("-9.81*sin(theta)/2", r"- \frac{9.81 \sin \left( \theta \right)}{2}"),
+        ("x1 - (x_2 + u)", r"x_{1} - \left( x_{2} + u \right)"),
+        ("x1**2*x_2", r"x_{1}^{2} x_{2}"),
+        ("sin(theta)**2", r"\sin^{2} \left( \theta \right)"),
+        ("(x1 + 1)**3", r"\left( x_{1} + 1 \right)^{3}"),
+        ("theta**(1/2)", r"\sqrt{\theta}"),
+        ("x1**(-1)", r"x_{1}^{- 1}"),
+        ("monod(S, 0.5)", r"\frac{S}{0.5 + S}"),
+        ("contois(S, X, 2)", r"\frac{S}{2 X + S}"),
+        ("exp(-u)", r"e^{- u}"),
+        ("abs(u)", r"\left| u \right|"),
+        ("sat(u)", r"\mathrm{sat}_{\left[ - 1 , 1 \right]} \left( u \right)"),
+        ("glucose/3", r"\frac{\mathrm{glucose}}{3}"),
+        ("theta*(1/3)", r"\theta \cdot \frac{1}{3}"),
+        ("2*pi*u", r"2 \pi u"),
+    ],
+)
+def test_latex(typed: str, printed: str) -> None:
+    assert latex(formula(parse(typed, NAMES))) == printed
+
+
+def test_names() -> None:
+    assert latex(name_formula("hat.theta")) == r"\hat{\theta}"
+    assert latex(name_formula("hat.x1")) == r"\hat{x}_{1}"
+    assert latex(name_formula("d.0")) == "d_{1}"
+    assert latex(name_formula("lower.S")) == r"\underline{S}"
+    assert "θ" in mathml(name_formula("theta"))
+
+
+@pytest.mark.parametrize("typed", ["sin(theta)**2/(1 + x1)", "sat(u, -2, 2)", "min(x1, sqrt(S))", "tan(u) - 1e-30*S", "glucose**(2/3)"])
+def test_mathml_is_well_formed(typed: str) -> None:
+    ElementTree.fromstring(mathml_block([Equation(name_formula("lower.x1"), formula(parse(typed, NAMES)))]))
+
+
+def test_a_formula_too_long_to_read_is_named_by_its_size() -> None:
+    shared = Variable("u")
+    for _ in range(200):
+        shared = shared * (shared + Variable("S"))
+    assert "terms" in latex(formula(shared))
+    assert len(latex_block([Equation(name_formula("u"), formula(shared))])) < 300

@@ -1,0 +1,111 @@
+"""Figures: the same bytes every time, data beside them, and no data that breaks a drawing."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from conftest import Copying, make_check, make_design, make_plant, make_run
+
+from cdobs_cli.certificate import Bound
+from cdobs_cli.chart import Chart, Panel, Series
+from cdobs_cli.report.figures import chart_csv, draw, ladder_csv
+from cdobs_cli.report.files import figures_of_run
+from cdobs_cli.report.ladder import period_ladder
+from cdobs_cli.report.trajectories import axis_name, run_charts
+
+
+def rows(content: bytes) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(content.decode())))
+
+
+def chart(*series: Series, scale: str = "linear", label: str = "y") -> Chart:
+    return Chart("c", "t", "c", (Panel("x", label, series, y_scale=scale),))  # type: ignore[arg-type]
+
+
+def test_pictures_are_deterministic() -> None:
+    one, other = (draw(run_charts(make_plant(), make_run())[0]) for _ in range(2))
+    assert one == other
+    assert one.png.startswith(b"\x89PNG")
+    assert b"<text" not in one.svg, "text is drawn as paths"
+    assert b"dc:date" not in one.svg
+
+
+def test_csv_holds_what_is_drawn() -> None:
+    run = make_run()
+    states, error = run_charts(make_plant(), run, {"factor": 2.0, "rate": 0.5})
+    table = rows(chart_csv(states))
+    theta = [row for row in table if row["panel"] == "1" and row["series"] == "state"]
+    assert [float(row["x"]) for row in theta] == list(run.trajectories[0].t)
+    assert [float(row["y"]) for row in theta] == list(run.trajectories[0].x[:, 0])
+    assert len([row for row in table if row["series"] == "measurement"]) == len(run.trajectories[0].t_k)
+    envelope = [row for row in rows(chart_csv(error)) if row["series"] == "proved envelope"]
+    start = math.hypot(1.0, 0.5)
+    assert float(envelope[0]["y"]) == pytest.approx(2 * start)
+    assert float(envelope[-1]["y"]) == pytest.approx(2 * start * math.exp(-0.5 * 12))
+
+
+def test_csv_of_bands_limits_and_marks() -> None:
+    table = rows(
+        chart_csv(chart(Series("b", [0.0], [1.0], "band", y2=[2.0]), Series("l", [], [3.0], "limit"), Series("m", [4.0], [], "mark")))
+    )
+    assert [(row["series"], row["x"], row["y"], row["y2"]) for row in table] == [
+        ("b", "0.0", "1.0", "2.0"), ("l", "nan", "3.0", ""), ("m", "4.0", "nan", ""),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ["line", "steps", "points", "stems", "band", "limit", "mark"])
+@pytest.mark.parametrize("scale", ["linear", "log"])
+def test_every_kind_is_drawn(kind: str, scale: str) -> None:
+    x, y = np.linspace(0, 1, 5), np.array([0.0, -1.0, np.nan, 1e300, 2.0])
+    assert draw(chart(Series("s", x, y, kind, y2=y + 1), scale=scale)).svg  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("values", [[], [math.nan], [0.0, 0.0], [1e-300, 1e-300], [-1.0, -2.0]])
+def test_data_that_an_axis_cannot_show(values: list[float]) -> None:
+    assert draw(chart(Series("s", list(range(len(values))), values), scale="log")).png
+
+
+@pytest.mark.parametrize("label", ["$", "$a", r"$\frac{$", "a_b", r"$\theta$", "$100 and $200", "<b>&"])
+def test_any_label_can_be_drawn(label: str) -> None:
+    assert draw(chart(Series(label, [0.0, 1.0], [0.0, 1.0]), label=label)).svg
+
+
+def test_axis_names() -> None:
+    assert axis_name("theta") == r"$\theta$"
+    assert axis_name("x1") == "$x_{1}$"
+    assert axis_name("glucose") == "glucose"
+
+
+def test_many_runs_and_few_points() -> None:
+    names = {f"figures/{name}.{end}" for name in ("states", "error") for end in ("svg", "png", "csv")}
+    assert set(figures_of_run(make_plant(), Copying(), make_design(), make_check(), make_run(30))) == names
+
+
+def test_ladder() -> None:
+    bounds = {
+        "period_max": Bound("1.7", "1.8"),
+        "period_max.slow": Bound("0.02", None),
+        "period_max.fast": Bound("1.7", "1.8"),
+        "period_max_any_gain": Bound(None, "inf"),
+        "delta_star": Bound("1.5", "1.6"),
+    }
+    ladder = period_ladder(bounds)
+    assert ladder is not None
+    assert [rung.label for rung in ladder.rungs] == ["this gain", "slow", "fast"]
+    assert ladder_csv(ladder) == b"method,proved,refuted\nthis gain,1.7,1.8\nslow,0.02,\nfast,1.7,1.8\n"
+    assert draw(ladder).svg
+    assert period_ladder({"delta_star": Bound("1.5", "1.6")}) is None
+
+
+def test_text_needs_no_drawing_library() -> None:
+    code = (
+        "import sys, cdobs_cli.report.model, cdobs_cli.report.files, cdobs_cli.report.index\n"
+        "assert not {'matplotlib', 'numpy'} & set(sys.modules), sorted(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,0 +1,119 @@
+"""report.html and the index page: well-formed, self-contained, and nothing typed by a user becomes markup."""
+
+from __future__ import annotations
+
+import re
+from html.parser import HTMLParser
+
+import pytest
+from conftest import HOSTILE, make_check, make_report
+
+from cdobs_cli.certificate import Bound
+from cdobs_cli.report.files import render
+from cdobs_cli.report.index import IndexEntry, index_page
+from cdobs_cli.report.model import Report
+
+VOID = {"meta", "link", "br", "img", "path", "use", "input", "hr"}
+
+
+class Checker(HTMLParser):
+    """Every element closed in order; identifiers unique; addresses and scripts collected."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.addresses: list[str] = []
+        self.scripts = 0
+        self.text: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in VOID:
+            self.open.append(tag)
+        self.scripts += tag == "script"
+        for name, value in attrs:
+            assert not name.startswith("on"), f"event handler {name}"
+            if name == "id":
+                self.ids.append(value or "")
+            if name in ("src", "href", "xlink:href", "action"):
+                self.addresses.append(value or "")
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in VOID:
+            assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text.append(data)
+
+
+def checked(page: bytes) -> Checker:
+    checker = Checker()
+    checker.feed(page.decode())
+    checker.close()
+    assert checker.open == []
+    assert len(checker.ids) == len(set(checker.ids))
+    return checker
+
+
+def test_the_page_is_well_formed_and_needs_neither_network_nor_script(files: dict[str, bytes]) -> None:
+    checker = checked(files["report.html"])
+    assert checker.scripts == 0
+    assert all(address.startswith(("#", "data:")) for address in checker.addresses)
+    assert not re.search(r"@import|url\((?!#)", files["report.html"].decode())
+
+
+def test_references_inside_figures_resolve(files: dict[str, bytes]) -> None:
+    text = files["report.html"].decode()
+    checker = checked(files["report.html"])
+    used = {address[1:] for address in checker.addresses if address.startswith("#")} | set(re.findall(r"url\(#([^)]+)\)", text))
+    assert used
+    assert used <= set(checker.ids)
+
+
+def test_a_hostile_title_is_text(files: dict[str, bytes]) -> None:
+    checker = checked(files["report.html"])
+    assert HOSTILE in "".join(checker.text)
+    assert "<script" not in files["report.html"].decode()
+
+
+def test_every_figure_is_in_the_page(report: Report, files: dict[str, bytes]) -> None:
+    assert files["report.html"].decode().count('<svg role="img"') == len(report.charts) == 4
+
+
+@pytest.mark.parametrize("word", ["✓ proved", "✗ refuted", "? undecided", "✗ fails", "Dinh2014: Thach Ngoc Dinh", "b" * 64, "<mfrac>"])
+def test_what_the_page_says(files: dict[str, bytes], word: str) -> None:
+    assert word in files["report.html"].decode()
+
+
+def test_a_report_without_check_or_run_says_so() -> None:
+    files = render(make_report())
+    assert "not checked" in files["report.html"].decode()
+    checked(files["report.html"])
+    assert set(files) == {"report.md", "report.html", *(f"figures/period_slope.{suffix}" for suffix in ("svg", "png", "csv"))}
+
+
+def test_the_index() -> None:
+    report = make_report(check=make_check())
+    entries = [
+        IndexEntry.of(report, "a b"),
+        IndexEntry("bad", HOSTILE, "invalid", message="plant.A: <b>not</b> square"),
+        IndexEntry("zoh", "LPV", "refuted", "lpv_zoh", "period_max", Bound("0.18", "inf", "s"), "zoh/report.html", None, True),
+    ]
+    page = index_page(entries)
+    checker = checked(page)
+    assert checker.scripts == 1
+    assert "a%20b/report.html" in checker.addresses
+    assert all(not re.match(r"(https?:)?//", address) for address in checker.addresses)
+    text = "".join(checker.text)
+    assert "plant.A: <b>not</b> square" in text
+    assert "[0.18, ∞] s" in text
+    assert "3 specs: 1 proved, 1 refuted, 1 invalid." in text
+
+
+def test_an_empty_index() -> None:
+    assert "0 specs: none." in "".join(checked(index_page([])).text)
