@@ -42,12 +42,12 @@ def smallest_refuted(at: Callable[[Exact], HybridInclusion], proved: Exact | Non
         low, high = high, high * growth
         if high > start * _SPAN:
             return None
-        T = _short(high)
+        T = short_period(high)
         witness = refute(at(T), effort)
     best = (T, witness)
     while high - low > _WIDTH * high:
         middle = (low + high) / 2
-        T = _short(middle)
+        T = short_period(middle)
         found = refute(at(T), effort) if float(T) > start else None
         if found is None:
             low = middle
@@ -71,7 +71,7 @@ def largest_proved(prove: Callable[[Exact], T_ | None], low: Exact, high: Exact,
     below, above = float(low), float(high)
     while above - below > float(tolerance) * above:
         middle = (below * above) ** 0.5 if below > 0 and above > 4 * below else (below + above) / 2
-        T = _short(middle)
+        T = short_period(middle)
         found = prove(T)
         if found is None:
             above = middle
@@ -80,7 +80,8 @@ def largest_proved(prove: Callable[[Exact], T_ | None], low: Exact, high: Exact,
     return best
 
 
-def _short(T: float) -> Exact:
+def short_period(T: float) -> Exact:
+    """A period as a short decimal."""
     return Exact(decimal_text(T, _DIGITS))
 
 

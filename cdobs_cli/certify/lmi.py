@@ -150,19 +150,28 @@ class Program:
             rows.append(-(coefficients[:, i, j] * scale).T)
             right.append(offset[i, j] * scale)
             cones.append(clarabel.PSDTriangleConeT(dimension))
-        A, b = np.vstack(rows), np.concatenate(right)
         cost = np.zeros(self.size) if self._cost is None else self._cost
-        zero = SparseColumns(np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(self.size + 1, dtype=np.int64), (self.size, self.size))
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        settings.max_threads = 1
-        settings.max_iter = iterations
-        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-        result = clarabel.DefaultSolver(zero, cost, compressed(A), b, cones, settings).solve()
-        status = str(result.status)
-        record = SolverRecord("clarabel", clarabel.__version__, status, int(result.iterations), float(result.solve_time))
-        x = np.array(result.x)
-        return Solution(status == "Solved", self._split(x), -float(cost @ x), record)
+        x, record = ask_clarabel(cost, compressed(np.vstack(rows)), np.concatenate(right), cones, tolerance, iterations)
+        return Solution(record.status == "Solved", self._split(x), -float(cost @ x), record)
+
+
+def ask_clarabel(
+    cost: Array, A: SparseColumns, b: Array, cones: list[Any], tolerance: float = 1e-9, iterations: int = 200
+) -> tuple[Array, SolverRecord]:
+    """minimise cost' x subject to b - A x in the product of cones; one thread. The last iterate and how it went."""
+    import clarabel
+    import numpy as np
+
+    size = len(cost)
+    zero = SparseColumns(np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(size + 1, dtype=np.int64), (size, size))
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    settings.max_iter = iterations
+    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+    result = clarabel.DefaultSolver(zero, cost, A, b, cones, settings).solve()
+    record = SolverRecord("clarabel", clarabel.__version__, str(result.status), int(result.iterations), float(result.solve_time))
+    return np.array(result.x), record
 
 
 def compressed(A: Array) -> SparseColumns:

@@ -1,0 +1,459 @@
+"""The clock-dependent certificate: a quadratic function whose matrix depends on the time since the last sample.
+
+For edot in Co{A_v} e, e+ = J e at clock values in [T_min, T_max]: if for P piecewise polynomial and continuous
+
+    Pdot + P A_v + A_v' P + 2 sigma P < 0    on [0, T_max], all corners v,                          (flow)
+    P(tau) - J' P(0) J > 0                   on [T_min, T_max],                                      (jump)
+    P(0) > 0 on the range of J,
+
+then every error decays at rate sigma: V = e' P(tau) e falls along every flow of the inclusion and does not
+rise at jumps. In Bernstein form each inequality is a finite list of matrices. A hold sampled from T_min = 0
+has a singular jump inequality at tau = 0: there P(0) is block diagonal, so that the gap is exactly
+blkdiag(0, P_22(0)), and the other coefficients are definite.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from cdobs_cli.certificate import Certificate
+from cdobs_cli.certify.ball import has_spectral_radius_below
+from cdobs_cli.certify.bernstein import derivative, elevation
+from cdobs_cli.certify.definite import Definiteness, has_positive_pivots
+from cdobs_cli.exact.expression import ExpressionError
+from cdobs_cli.exact.matrix import Matrix, block
+from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text
+from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
+from cdobs_cli.plant import SamplingLaw
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+M_ = TypeVar("M_")
+
+METHOD = "clock"
+MONODROMY = "spectral_radius"
+MAX_CORNER_ENTRIES = 10  # 2^10 corners at most are enumerated
+UNDECIDED = Definiteness("undecided", None)
+
+
+def lyapunov(P: Any, A: Any, sigma: Any) -> Any:
+    """P A + A' P + 2 sigma P."""
+    return P @ A + A.T @ P + P * (2 * sigma)
+
+
+def jump_gap(P_0: Any, P: Any, J: Any) -> Any:
+    """P - J' P(0) J."""
+    return P - J.T @ P_0 @ J
+
+
+def jump_block(P_0: Any, W: Any, C: Any, P: Any) -> Any:
+    """[[P(0), P(0) - W C], [., P]] with W = P(0) K: definite exactly where `jump_gap` is, for J = I - K C."""
+    B = P_0 - W @ C
+    return block([[P_0, B], [B.T, P]])
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Degree d of P, degree D of the inequalities, and pieces: so many on [0, T_min], so many on [T_min, T_max].
+
+    Coefficients are numbered through: piece j has those from j d to (j + 1) d, ends shared."""
+
+    d: int
+    D: int
+    before: int
+    after: int
+
+    @property
+    def pieces(self) -> int:
+        return self.before + self.after
+
+    @property
+    def count(self) -> int:
+        """Number of coefficient matrices."""
+        return self.pieces * self.d + 1
+
+    @property
+    def jump_from(self) -> int:
+        """Number of the first coefficient on which the jump is imposed."""
+        return self.d * self.before
+
+    def lengths(self, T_min: Any, T_max: Any) -> list[Any]:
+        """Length of each piece."""
+        first = [T_min / self.before] * self.before if self.before else []
+        return first + ([(T_max - T_min) / self.after] * self.after if self.after else [])
+
+
+def flow_coefficients(P: list[Any], shape: Shape, lengths: list[Any]) -> Iterator[tuple[Any, Any]]:
+    """(h Pdot, h P) of every Bernstein coefficient of the flow inequality, piece by piece, h the piece's length."""
+    G, E = derivative(shape.d, shape.D), elevation(shape.d, shape.D)
+    for j, h in enumerate(lengths):
+        local = P[j * shape.d : (j + 1) * shape.d + 1]
+        for g, e in zip(G, E, strict=True):
+            yield _combination(g, local), _combination(e, local) * h
+
+
+def _combination(weights: tuple[Fraction, ...], matrices: list[Any]) -> Any:
+    terms = [matrix * weight for weight, matrix in zip(weights, matrices, strict=True) if weight]
+    total = terms[0] if terms else matrices[0] * 0
+    for term in terms[1:]:
+        total = total + term
+    return total
+
+
+def prove(inclusion: HybridInclusion, certificate: Certificate) -> Definiteness:
+    """Prove a stored certificate for this inclusion, under the certificate's sampling law and rate. No solver.
+
+    The margin is not computed (a proof by pivots of every coefficient).
+    """
+    if certificate.method == MONODROMY:
+        return _prove_monodromy(inclusion, certificate)
+    if certificate.method != METHOD:
+        return UNDECIDED
+    try:
+        return _prove_clock(inclusion, certificate)
+    except (KeyError, TypeError, ValueError, IndexError, ExpressionError, ZeroDivisionError):
+        return UNDECIDED
+
+
+def rate(certificate: Certificate) -> Fraction:
+    """The decay rate sigma that the certificate claims."""
+    sigma = Exact(certificate.data["sigma"]).rational
+    assert sigma is not None
+    return sigma
+
+
+def _prove_clock(inclusion: HybridInclusion, certificate: Certificate) -> Definiteness:
+    data, law = certificate.data, certificate.sampling
+    if len(inclusion.entries) > MAX_CORNER_ENTRIES:
+        return UNDECIDED
+    shape = Shape(int(data["degree"]), int(data["elevated"]), int(data["pieces"][0]), int(data["pieces"][1]))
+    sigma = rate(certificate)
+    T_min, T_max = _value(law.T_min), _value(law.T_max)
+    S = Matrix.from_rows([[_rational(text) for text in row] for row in data["basis"]])
+    maps = in_basis(inclusion.balls, S, S.inverse())
+    P = [symmetric_from_upper(rows) for rows in data["P"]]
+    N = maps.base.shape[0]
+    if not _well_posed(shape, law) or sigma < 0 or len(P) != shape.count or any(matrix.shape != (N, N) for matrix in P):
+        return UNDECIDED
+    kept = kept_states(maps.jump)
+    if not _positive(P[0][kept, kept] if kept else P[0]):
+        return UNDECIDED
+    for number in range(shape.jump_from, shape.count):
+        gap = jump_gap(P[0], P[number], maps.jump)
+        if number == 0 and law.T_min.sign() == 0:
+            if not _hold_gap(P[0], kept, N):
+                return UNDECIDED
+        elif not _positive(gap):
+            return UNDECIDED
+    coefficients = list(flow_coefficients(P, shape, shape.lengths(T_min, T_max)))
+    for A in maps.corners():
+        for slope, value in coefficients:
+            if not _positive(-(slope + lyapunov(value, A, sigma))):
+                return UNDECIDED
+    return Definiteness("proved", None)
+
+
+def _well_posed(shape: Shape, law: SamplingLaw) -> bool:
+    """Pieces cover [0, T_max] with T_min a break point."""
+    if law.kind == "updated" or shape.d < 1 or shape.d > shape.D or min(shape.before, shape.after) < 0 or shape.pieces < 1:
+        return False
+    if law.T_max.sign() != 1:
+        return False
+    if law.T_min == law.T_max:
+        return shape.before > 0 and shape.after == 0
+    if (law.T_max - law.T_min).sign() != 1 or shape.after == 0:
+        return False
+    return shape.before == 0 if law.T_min.sign() == 0 else law.T_min.sign() == 1 and shape.before > 0
+
+
+def _hold_gap(P_0: Matrix, kept: list[int], N: int) -> bool:
+    """At tau = 0 the gap P(0) - J' P(0) J is blkdiag(0, P_22(0)) >= 0, for J = blkdiag(I, 0)."""
+    lost = [i for i in range(N) if i not in kept]
+    if not kept or any(P_0[i, j] != 0 for i in kept for j in lost):
+        return False
+    return not lost or _positive(P_0[lost, lost])
+
+
+def kept_states(J: Matrix) -> list[int]:
+    """The states that J keeps, where J is a diagonal of zeros and ones; else none."""
+    rows = J.tolist()
+    if any(value != int(i == j and value == 1) for i, row in enumerate(rows) for j, value in enumerate(row)):
+        return []
+    return [i for i, row in enumerate(rows) if row[i] == 1]
+
+
+def in_basis(maps: ErrorMaps[M_], S: M_, inverse: M_) -> ErrorMaps[M_]:
+    """The maps of z, with e = S z."""
+    left: Any = inverse
+    return ErrorMaps(
+        left @ maps.base @ S,
+        tuple(left @ column for column in maps.left),
+        tuple(row @ S for row in maps.right),  # type: ignore[operator]
+        maps.lower,
+        maps.upper,
+        left @ maps.jump @ S,
+    )
+
+
+def _positive(M: Matrix) -> bool:
+    return has_positive_pivots(M.balls())
+
+
+def _value(number: Exact) -> Any:
+    return number.ball() if number.rational is None else number.rational
+
+
+def _rational(text: str) -> Fraction:
+    value = Exact(text).rational
+    if value is None:
+        raise ValueError("a certificate holds rationals")
+    return value
+
+
+def symmetric_from_upper(rows: list[list[str]]) -> Matrix:
+    """The symmetric matrix with this upper triangle (rows of decimal strings, from the diagonal on)."""
+    N = len(rows)
+    table = [[_rational(rows[min(i, j)][abs(i - j)]) for j in range(N)] for i in range(N)]
+    return Matrix.from_rows(table)
+
+
+def _prove_monodromy(inclusion: HybridInclusion, certificate: Certificate) -> Definiteness:
+    """rho(J exp(A T) exp(sigma T)) < 1 for a linear error system sampled periodically."""
+    law = certificate.sampling
+    if inclusion.entries or law.T_min != law.T_max or law.T_max.sign() != 1:
+        return UNDECIDED
+    maps, T = inclusion.balls, _value(law.T_max)
+    sigma = rate(certificate)
+    Phi = (maps.base + Matrix.identity(maps.base.shape[0]) * sigma).exp(T)
+    return Definiteness("proved", None) if has_spectral_radius_below(maps.jump @ Phi) else UNDECIDED
+
+
+# The search: floats and the solver propose, `prove` decides.
+
+_SCHEDULE = ((3, 4, 2), (4, 5, 4), (5, 6, 6), (6, 7, 10))  # (d, D, pieces), tried up to number `effort`
+_LARGEST = (800, 800, 1400, 2600)  # unknowns allowed, by effort: larger plants stop earlier in the schedule
+_TOLERANCE = (Fraction(1, 100), Fraction(1, 500), Fraction(1, 2000), Fraction(1, 5000))  # of a period search
+GAIN_DIGITS = 6
+
+
+def analyse(inclusion: HybridInclusion, effort: int, sigma: Fraction = Fraction(0)) -> Certificate | None:
+    """A proved certificate for this gain under the inclusion's sampling law, with decay rate sigma, or None.
+
+    A linear error system sampled periodically is decided by its spectral radius; else the schedule of
+    degrees and pieces is tried up to `effort` (0..3). Uses the solver.
+    """
+    if not inclusion.entries and inclusion.sampling.kind == "periodic":
+        certificate = Certificate(MONODROMY, inclusion.sampling, {"sigma": fraction_text(sigma)})
+        return certificate if prove(inclusion, certificate).proved else None
+    for shape in shapes(inclusion, effort):
+        certificate = propose(inclusion, shape, sigma, {})
+        if certificate is not None and prove(inclusion, certificate).proved:
+            return certificate
+    return None
+
+
+def design_impulsive(
+    open_loop: HybridInclusion, effort: int, sigma: Fraction = Fraction(0)
+) -> tuple[NDArray[np.float64], Certificate] | None:
+    """A gain K (n, p) for the jump e+ = (I - K C) e with a proved certificate, or None.
+
+    K comes rounded to GAIN_DIGITS significant digits, and the certificate is proved for that K. The jump of
+    `open_loop` is not read; its sampling law needs T_min > 0. Uses the solver.
+    """
+    if len(open_loop.entries) > MAX_CORNER_ENTRIES or open_loop.sampling.T_min.sign() != 1:
+        return None
+    for shape in shapes(open_loop, effort):
+        K = propose_gain(open_loop, shape, sigma, {})
+        if K is None:
+            continue
+        rounded = ExactMatrix.from_floats(K, GAIN_DIGITS)
+        closed = with_gain(open_loop, rounded)
+        certificate = propose(closed, shape, sigma, {})
+        if certificate is not None and prove(closed, certificate).proved:
+            import numpy as np
+
+            return np.array(rounded.floats), certificate
+    return None
+
+
+def with_gain(open_loop: HybridInclusion, K: ExactMatrix) -> HybridInclusion:
+    """The inclusion with the jump e+ = (I - K C) e."""
+
+    def assemble(view: Any) -> ErrorMaps[Any]:
+        maps = open_loop.assemble(view)
+        identity = view.unit(0) @ view.unit(0).T
+        for i in range(1, view.A.shape[0]):
+            identity = identity + view.unit(i) @ view.unit(i).T
+        return ErrorMaps(maps.base, maps.left, maps.right, maps.lower, maps.upper, identity - view.gain["K"] @ view.C)
+
+    return HybridInclusion(assemble, open_loop.plant, {**open_loop.gain, "K": K}, open_loop.sampling, open_loop.entries)
+
+
+def largest_period(
+    at: Callable[[Exact], HybridInclusion], start: Exact, effort: int, sigma: Fraction = Fraction(0)
+) -> tuple[Exact, Certificate] | None:
+    """The largest period found with a proved certificate for this gain, and the certificate.
+
+    Args:
+        at: the inclusion with its sampling law at a given period (or largest period).
+        start: where to look first; the search walks up or down from it, then bisects.
+    """
+    return _largest(lambda T: analyse(at(T), effort, sigma), lambda T: analyse(at(T), 0, sigma), start, effort)
+
+
+def largest_period_design(
+    at: Callable[[Exact], HybridInclusion], start: Exact, effort: int, sigma: Fraction = Fraction(0)
+) -> tuple[Exact, tuple[NDArray[np.float64], Certificate]] | None:
+    """The largest period found for which `design_impulsive` has a gain, with the gain and its certificate.
+
+    Args:
+        at: the open loop with its sampling law at a given period (or largest period).
+        start: where to look first.
+    """
+    return _largest(lambda T: design_impulsive(at(T), effort, sigma), lambda T: design_impulsive(at(T), 0, sigma), start, effort)
+
+
+def _largest(find: Callable[[Exact], M_ | None], cheap: Callable[[Exact], M_ | None], start: Exact, effort: int) -> tuple[Exact, M_] | None:
+    """Walk from `start` with the cheap search, then bisect with the full one."""
+    from cdobs_cli.certify.bracket import largest_proved, short_period
+
+    low = float(start)
+    if not 0 < low < 1e12:
+        return None
+    for _ in range(24):
+        if cheap(short_period(low)) is not None:
+            break
+        low /= 1.6
+    else:
+        found = find(start)
+        return None if found is None else (start, found)
+    high = low * 1.6
+    while high < 1e3 * float(start) and (cheap(short_period(high)) is not None or find(short_period(high)) is not None):
+        low, high = high, high * 1.6
+    return largest_proved(find, short_period(low), short_period(high), _TOLERANCE[_level(effort)])
+
+
+def _level(effort: int) -> int:
+    return max(0, min(effort, 3))
+
+
+def shapes(inclusion: HybridInclusion, effort: int) -> Iterator[Shape]:
+    """The schedule of shapes for this inclusion, coarse to fine."""
+    if inclusion.sampling.kind == "updated":
+        return
+    T_min, T_max = float(inclusion.sampling.T_min), float(inclusion.sampling.T_max)
+    if not 0 < T_max < 1e12 or len(inclusion.entries) > MAX_CORNER_ENTRIES:
+        return
+    N = inclusion.floats.base.shape[0]
+    level = _level(effort)
+    for number, (d, D, pieces) in enumerate(_SCHEDULE[: level + 1]):
+        if number and (pieces * d + 1) * N * (N + 1) // 2 > _LARGEST[level]:
+            return
+        if inclusion.sampling.T_min == inclusion.sampling.T_max:
+            yield Shape(d, D, pieces, 0)
+        elif T_min == 0:
+            yield Shape(d, D, 0, pieces)
+        else:
+            before = max(1, min(pieces - 1, round(pieces * T_min / T_max)))
+            yield Shape(d, D, before, pieces - before)
+
+
+def propose(inclusion: HybridInclusion, shape: Shape, sigma: Fraction, cuts: dict[Shape, Any]) -> Certificate | None:
+    """What the solver proposes for this gain and shape: not proved.
+
+    `cuts` keeps, by shape, the corners that bound before; pass the same dict through a period search.
+    """
+    from cdobs_cli.certify.clock_search import Search
+
+    found = _search(Search, inclusion, shape, sigma, cuts, None)
+    if found is None:
+        return None
+    solution, S = found
+    data = {
+        "degree": str(shape.d), "elevated": str(shape.D), "pieces": [str(shape.before), str(shape.after)],
+        "sigma": fraction_text(sigma), "basis": [[fraction_text(value) for value in row] for row in S],
+        "P": [_upper_texts(P) for P in solution.P],
+    }  # fmt: skip
+    return Certificate(METHOD, inclusion.sampling, data)
+
+
+def propose_gain(open_loop: HybridInclusion, shape: Shape, sigma: Fraction, cuts: dict[Shape, Any]) -> NDArray[np.float64] | None:
+    """The gain K = P(0)^-1 W that the solver proposes for this shape."""
+    import numpy as np
+
+    from cdobs_cli.certify.clock_search import Search
+
+    found = _search(Search, open_loop, shape, sigma, cuts, np.array(open_loop.plant.C.floats))
+    if found is None:
+        return None
+    solution, S = found
+    assert solution.W is not None
+    try:
+        K = np.array(S, dtype=float) @ np.linalg.solve(solution.P[0], solution.W)
+    except np.linalg.LinAlgError:
+        return None
+    return K if np.all(np.isfinite(K)) else None
+
+
+def _search(
+    search: Any, inclusion: HybridInclusion, shape: Shape, sigma: Fraction, cuts: dict[Shape, Any], C: Any
+) -> tuple[Any, list[list[Fraction]]] | None:
+    import numpy as np
+
+    law = inclusion.sampling
+    S = basis(inclusion)
+    change = np.array(S, dtype=float)
+    maps = in_basis(inclusion.floats, change, np.linalg.inv(change))
+    T = float(law.T_max)
+    unit = ErrorMaps(maps.base * T, tuple(column * T for column in maps.left), maps.right, maps.lower, maps.upper, maps.jump)
+    if not all(np.all(np.isfinite(part)) for part in (unit.base, unit.jump, *unit.left, *unit.right)):
+        return None
+    from_zero = law.T_min.sign() == 0
+    if from_zero and (C is not None or not kept_states(Matrix.from_floats(maps.jump))):
+        return None
+    problem = search(shape, float(law.T_min) / T, maps.base.shape[0], None if C is None else C @ change, from_zero)
+    problem.cuts = cuts.setdefault(shape, set())
+    solution = problem.solve(unit, float(sigma) * T)
+    cuts[shape] = problem.cuts
+    if solution is None or not solution.margin > 0:
+        return None
+    return solution, S
+
+
+def basis(inclusion: HybridInclusion) -> list[list[Fraction]]:
+    """Columns of S in e = S z, powers of 2: each state in units of what it adds to the outputs' Taylor terms
+    over T_max (for a chain of integrators T^(i-1)); further states, held innovations, in the outputs' units."""
+    import numpy as np
+
+    plant, T = inclusion.plant, float(inclusion.sampling.T_max)
+    n, N = plant.n, inclusion.floats.base.shape[0]
+    term = np.abs(plant.C.floats)
+    A = np.abs(plant.A.floats) * T
+    size = term.max(axis=0)
+    with np.errstate(all="ignore"):
+        for _ in range(n - 1):
+            term = term @ A
+            # A state that the outputs feel directly keeps that unit.
+            size = np.where(size > 0, size, term.max(axis=0))
+    scale = [Fraction(2) ** -_exponent(value) for value in size]
+    rows = np.abs(plant.C.floats) @ np.diag([float(s) for s in scale])
+    for i in range(N - n):
+        scale.append(Fraction(2) ** _exponent(rows[i % plant.p].max()))
+    return [[s if i == j else Fraction(0) for j in range(N)] for i, s in enumerate(scale)]
+
+
+def _exponent(value: float) -> int:
+    import math
+
+    return max(-200, min(200, round(math.log2(value)))) if 0 < value < math.inf else 0
+
+
+def _upper_texts(P: NDArray[np.float64]) -> list[list[str]]:
+    from cdobs_cli.exact.numbers import decimal_text
+
+    return [[decimal_text(float(P[i, j]), 12) for j in range(i, P.shape[0])] for i in range(P.shape[0])]

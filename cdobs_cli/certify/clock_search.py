@@ -1,0 +1,284 @@
+"""The search behind the clock certificate: cones assembled directly, corners added only where they bind.
+
+In coordinates x = (svec P_0, .., svec P_last, W, margin) every inequality is a stack of rows; a flow row block
+is kron(g, I) + kron(e, Lyapunov operator), so nothing is rebuilt from formulas between periods or corners.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import product
+from typing import TYPE_CHECKING
+
+from cdobs_cli.certify.bernstein import derivative, elevation
+from cdobs_cli.certify.clock import Shape, jump_block, jump_gap, kept_states, lyapunov
+from cdobs_cli.hybrid import ErrorMaps
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from cdobs_cli.design import SolverRecord
+
+    Array = NDArray[np.float64]
+
+_ROUNDS = 12
+_ALL_AT_ONCE = 4  # so many corners are imposed from the start
+
+
+@dataclass
+class Found:
+    """What a search returns: coefficients, W (or None), the margin over all corners, the solver's word."""
+
+    P: list[Array]
+    W: Array | None
+    margin: float
+    record: SolverRecord
+
+
+@dataclass
+class Search:
+    """One clock problem: maps in scaled states and unit time (T_max = 1), the shape of P, and the cuts met so far.
+
+    Attributes:
+        C: the output matrix where the jump I - K C is free; None where `maps.jump` is given.
+        from_zero: the jump holds from tau = 0 with a hold: P(0) is block diagonal.
+        cuts: (coefficient of the flow inequality, corner) pairs imposed; carried from one period to the next.
+    """
+
+    shape: Shape
+    T_min: float
+    N: int
+    C: Array | None
+    from_zero: bool
+    cuts: set[tuple[int, int]] = field(default_factory=set)
+    crossing: Array = field(init=False, repr=False)
+
+    @cached_property
+    def triangle(self) -> tuple[Array, Array]:
+        """Rows and columns of the upper triangle, by columns."""
+        import numpy as np
+
+        j, i = np.tril_indices(self.N)
+        return i, j
+
+    @cached_property
+    def basis(self) -> Array:
+        """(t, N, N): the symmetric matrices whose svec are unit vectors."""
+        import numpy as np
+
+        i, j = self.triangle
+        basis = np.zeros((len(i), self.N, self.N))
+        value = np.where(i == j, 1.0, np.sqrt(0.5))
+        basis[np.arange(len(i)), i, j] = value
+        basis[np.arange(len(i)), j, i] = value
+        return basis
+
+    def svec(self, matrices: Array) -> Array:
+        """svec of a stack (.., M, M)."""
+        import numpy as np
+
+        j, i = np.tril_indices(matrices.shape[-1])
+        return matrices[..., i, j] * np.where(i == j, 1.0, np.sqrt(2.0))
+
+    @cached_property
+    def operators(self) -> tuple[Array, Array, Array]:
+        """g (derivative) and e (value) weights per flow coefficient, and the first P of each one's piece."""
+        import numpy as np
+
+        shape = self.shape
+        G = np.array(derivative(shape.d, shape.D), dtype=float)
+        E = np.array(elevation(shape.d, shape.D), dtype=float)
+        lengths = shape.lengths(self.T_min, 1.0)
+        g = np.concatenate([G] * shape.pieces)
+        e = np.concatenate([E * h for h in lengths])
+        first = np.repeat(np.arange(shape.pieces) * shape.d, shape.D + 1)
+        return g, e, first
+
+    def solve(self, maps: ErrorMaps[Array], sigma: float) -> Found | None:
+        """The certificate of largest margin met, or None where the relaxation with the cuts has none.
+
+        The margin returned is over all corners; positive means found (in floats)."""
+        import numpy as np
+
+        corners = np.array(list(product(*zip(maps.lower, maps.upper, strict=True))))
+        flows = np.array([maps.flow(tuple(v)) for v in corners])
+        if not np.all(np.isfinite(flows)):
+            return None
+        L = self._lyapunov(flows, sigma)
+        count = len(self.operators[0])
+        if len(corners) <= _ALL_AT_ONCE:
+            self.cuts = {(c, v) for c in range(count) for v in range(len(corners))}
+        elif not self.cuts:
+            self.cuts = {(c, v) for c in range(count) for v in (0, len(corners) - 1)}
+        static = self._static(maps.jump)
+        best: Found | None = None
+        for _ in range(_ROUNDS):
+            found = self._ask(L, static)
+            if found is None or found.margin <= 0:
+                return best
+            violation, worst = self._worst(found.P, flows, sigma)
+            true_margin = min(found.margin, float(-violation.max()))
+            if best is None or true_margin > best.margin:
+                best = Found(found.P, found.W, true_margin, found.record)
+            if true_margin > 0.1 * found.margin:
+                return best
+            new = {(c, int(worst[c])) for c in range(count) if violation[c] > -0.5 * found.margin} - self.cuts
+            if not new:
+                return best
+            self.cuts |= new
+        return best
+
+    def _lyapunov(self, flows: Array, sigma: float) -> Array:
+        """(corners, t, t): svec of P A + A' P + 2 sigma P on the svec of P, transposed into rows."""
+        import numpy as np
+
+        images = np.array([[lyapunov(P, A, sigma) for P in self.basis] for A in flows])
+        return self.svec(images).transpose(0, 2, 1)
+
+    def _worst(self, P: list[Array], flows: Array, sigma: float) -> tuple[Array, Array]:
+        """For each flow coefficient the largest eigenvalue over all corners, and its corner."""
+        import numpy as np
+
+        g, e, first = self.operators
+        local = np.array([[P[f + k] for k in range(self.shape.d + 1)] for f in first])
+        slope = np.einsum("ck,ckij->cij", g, local)
+        value = np.einsum("ck,ckij->cij", e, local)
+        products = value[:, None] @ flows[None]
+        matrices = slope[:, None] + products + products.transpose(0, 1, 3, 2) + 2 * sigma * value[:, None]
+        top = np.linalg.eigvalsh(matrices)[..., -1]
+        worst = top.argmax(axis=1)
+        return top[np.arange(len(top)), worst], worst
+
+    # Rows of A in b - A x in the cones; columns: coefficients, W, margin.
+
+    @property
+    def _t(self) -> int:
+        return self.N * (self.N + 1) // 2
+
+    @property
+    def _free(self) -> int:
+        return 0 if self.C is None else self.N * int(self.C.shape[0])
+
+    @property
+    def _size(self) -> int:
+        return self.shape.count * self._t + self._free + 1
+
+    def _unknown(self, number: int) -> slice:
+        return slice(number * self._t, (number + 1) * self._t)
+
+    def _static(self, J: Array) -> tuple[list[Array], list[float], list[tuple[str, int]]]:
+        """Trace, block structure of P(0), P(0) on the range of J, and the jump inequality."""
+        import numpy as np
+
+        from cdobs_cli.exact.matrix import Matrix
+
+        rows: list[Array] = []
+        right: list[float] = []
+        cones: list[tuple[str, int]] = []
+        kept = kept_states(Matrix.from_floats(J)) if self.C is None else []
+        positive = kept or list(range(self.N))
+        trace = np.zeros((1, self._size))
+        trace[0, self._unknown(0)] = self.svec(np.diag([float(i in positive) for i in range(self.N)]))
+        rows.append(trace)
+        right.append(1.0)
+        cones.append(("zero", 1))
+        if self.from_zero:
+            lost = [i for i in range(self.N) if i not in kept]
+            is_kept = np.isin(np.arange(self.N), kept)
+            self.crossing = is_kept[:, None] != is_kept[None, :]
+            crossing = np.flatnonzero(self.crossing[self.triangle])
+            if len(crossing):
+                structure = np.zeros((len(crossing), self._size))
+                structure[np.arange(len(crossing)), crossing] = 1.0
+                rows.append(structure)
+                right.extend([0.0] * len(crossing))
+                cones.append(("zero", len(crossing)))
+            if lost:
+                rows.append(self._semidefinite({0: self.svec(self.basis[:, lost][:, :, lost])}, len(lost)))
+                right.extend([0.0] * (len(lost) * (len(lost) + 1) // 2))
+                cones.append(("psd", len(lost)))
+        if self.C is None:
+            rows.append(self._semidefinite({0: self.svec(self.basis[:, positive][:, :, positive])}, len(positive)))
+            right.extend([0.0] * (len(positive) * (len(positive) + 1) // 2))
+            cones.append(("psd", len(positive)))
+        zero = np.zeros((self.N, self.N))
+        for number in range(max(self.shape.jump_from, int(self.from_zero)), self.shape.count):
+            if self.C is None:
+                old = self.svec(np.array([jump_gap(P, zero, J) for P in self.basis]))
+                new = self.svec(np.array([jump_gap(zero, P, J) for P in self.basis]))
+                parts = {0: old + new} if number == 0 else {0: old, number: new}
+                rows.append(self._semidefinite(parts, self.N))
+                dimension = self.N
+            else:
+                p = self.C.shape[0]
+                none = np.zeros((self.N, p))
+                old = self.svec(np.array([jump_block(P, none, self.C, zero) for P in self.basis]))
+                new = self.svec(np.array([jump_block(zero, none, self.C, P) for P in self.basis]))
+                units = np.eye(self.N * p).reshape(-1, self.N, p)
+                W = self.svec(np.array([jump_block(zero, unit, self.C, zero) for unit in units]))
+                rows.append(self._semidefinite({0: old, number: new, -1: W}, 2 * self.N))
+                dimension = 2 * self.N
+            right.extend([0.0] * (dimension * (dimension + 1) // 2))
+            cones.append(("psd", dimension))
+        return rows, right, cones
+
+    def _semidefinite(self, parts: dict[int, Array], dimension: int) -> Array:
+        """Rows of `sum of parts - margin I` in the cone; key -1 is W."""
+        import numpy as np
+
+        rows = np.zeros((dimension * (dimension + 1) // 2, self._size))
+        for number, coefficients in parts.items():
+            columns = slice(self.shape.count * self._t, self._size - 1) if number == -1 else self._unknown(number)
+            rows[:, columns] -= coefficients.T
+        rows[:, -1] = self.svec(np.eye(dimension))
+        return rows
+
+    def _ask(self, L: Array, static: tuple[list[Array], list[float], list[tuple[str, int]]]) -> Found | None:
+        import clarabel
+        import numpy as np
+
+        from cdobs_cli.certify.lmi import SparseColumns, ask_clarabel
+
+        t, size = self._t, self._size
+        g, e, first = self.operators
+        cuts = sorted(self.cuts)
+        c = np.array([cut[0] for cut in cuts])
+        v = np.array([cut[1] for cut in cuts])
+        # (cuts, t, d + 1, t): what each P of the piece contributes to each row.
+        values = g[c][:, None, :, None] * np.eye(t)[None, :, None, :] + e[c][:, None, :, None] * L[v][:, :, None, :]
+        cut, row, which, column = np.nonzero(values)
+        rows = cut * t + row
+        columns = (first[c][cut] + which) * t + column
+        data = values[cut, row, which, column]
+        unit = self.svec(np.eye(self.N))
+        diagonal = np.flatnonzero(unit)
+        margin_rows = (np.arange(len(cuts))[:, None] * t + diagonal).reshape(-1)
+        rows = np.concatenate([rows, margin_rows])
+        columns = np.concatenate([columns, np.full(len(margin_rows), size - 1)])
+        data = np.concatenate([data, np.ones(len(margin_rows))])
+        dense, right, cones = static
+        top = np.vstack(dense)
+        fixed_rows, fixed_columns = np.nonzero(top)
+        rows = np.concatenate([fixed_rows, rows + len(top)])
+        columns = np.concatenate([fixed_columns, columns])
+        data = np.concatenate([top[fixed_rows, fixed_columns], data])
+        order = np.lexsort((rows, columns))
+        pointers = np.concatenate([[0], np.cumsum(np.bincount(columns, minlength=size))])
+        height = len(top) + len(cuts) * t
+        A = SparseColumns(data[order], rows[order], pointers, (height, size))
+        b = np.zeros(height)
+        b[: len(right)] = right
+        kinds = [clarabel.ZeroConeT(d) if kind == "zero" else clarabel.PSDTriangleConeT(d) for kind, d in cones]
+        kinds += [clarabel.PSDTriangleConeT(self.N)] * len(cuts)
+        cost = np.zeros(size)
+        cost[-1] = -1.0
+        x, record = ask_clarabel(cost, A, b, kinds, 1e-8, 100)
+        if not np.all(np.isfinite(x)):
+            return None
+        P = list(np.einsum("nk,kij->nij", x[: self.shape.count * t].reshape(-1, t), self.basis))
+        if self.from_zero:  # the equations hold exactly, not to the solver's tolerance
+            P[0] = np.where(self.crossing, 0.0, P[0])
+        W = None if self.C is None else x[self.shape.count * t : -1].reshape(self.N, -1)
+        return Found(P, W, float(x[-1]), record)
