@@ -251,9 +251,9 @@ def analyse(inclusion: HybridInclusion, effort: int, sigma: Fraction = Fraction(
         certificate = Certificate(MONODROMY, inclusion.sampling, {"sigma": fraction_text(sigma)})
         return certificate if prove(inclusion, certificate).proved else None
     for shape in shapes(inclusion, effort):
-        certificate = propose(inclusion, shape, sigma, {})
-        if certificate is not None and prove(inclusion, certificate).proved:
-            return certificate
+        proposed = propose(inclusion, shape, sigma, {})
+        if proposed is not None and prove(inclusion, proposed).proved:
+            return proposed
     return None
 
 

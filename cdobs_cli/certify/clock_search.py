@@ -56,7 +56,7 @@ class Search:
     crossing: Array = field(init=False, repr=False)
 
     @cached_property
-    def triangle(self) -> tuple[Array, Array]:
+    def triangle(self) -> tuple[Any, Any]:
         """Rows and columns of the upper triangle, by columns."""
         import numpy as np
 
@@ -83,7 +83,7 @@ class Search:
         return matrices[..., i, j] * np.where(i == j, 1.0, np.sqrt(2.0))
 
     @cached_property
-    def operators(self) -> tuple[Array, Array, Array]:
+    def operators(self) -> tuple[Array, Array, Any]:
         """g (derivative) and e (value) weights per flow coefficient, and the first P of each one's piece."""
         import numpy as np
 

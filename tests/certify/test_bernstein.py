@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 from numpy.polynomial import Polynomial
 
@@ -8,7 +10,7 @@ def value(coefficients, s):
     """de Casteljau."""
     points = list(coefficients)
     while len(points) > 1:
-        points = [(1 - s) * a + s * b for a, b in zip(points, points[1:], strict=False)]
+        points = [(1 - s) * a + s * b for a, b in pairwise(points)]
     return points[0]
 
 
