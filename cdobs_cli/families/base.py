@@ -40,6 +40,10 @@ class Family(BaseModel, ABC):
         given gain, options that contradict one another. Fields are paths from the top of the spec."""
         return []
 
+    def controlled(self, inputs: tuple[str, ...]) -> frozenset[str]:
+        """The inputs that the observer sets itself (by feedback): they need no signal."""
+        return frozenset()
+
     @abstractmethod
     def synthesize(self, plant: Plant, effort: int) -> Design:
         """Find the gain, or take the given one, and a certificate for each period wanted.

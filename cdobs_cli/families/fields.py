@@ -160,7 +160,7 @@ def sized(smallest: int, largest: int) -> BeforeValidator:
 Vector = Annotated[tuple[ExactNumber, ...], sized(1, MAX_ROWS)]
 
 
-class _Through:
+class Through:
     """A field read as one shape and turned into another type."""
 
     def __init__(self, shape: Any, make: Callable[[Any], Any], back: Callable[[Any], Any]) -> None:
@@ -179,7 +179,7 @@ def _matrix(rows: tuple[tuple[Exact, ...], ...]) -> ExactMatrix:
 
 Rows = Annotated[
     ExactMatrix,
-    _Through(
+    Through(
         Annotated[tuple[Vector, ...], sized(1, MAX_ROWS)],
         _matrix,
         lambda value: value.rows if isinstance(value, ExactMatrix) else value,
@@ -193,7 +193,8 @@ def formula(*names: str, functions: Mapping[str, tuple[int, ...]] = TYPED_FUNCTI
     """Annotation of an Expression field: `Annotated[Expression, formula("states", "inputs")]`.
 
     Args:
-        names: variables that may occur; `states` and `inputs` stand for the plant's, from the context.
+        names: variables that may occur; `states`, `inputs` and `coordinates` (the states that A and phi are in)
+            stand for the plant's, from the context.
         functions: the functions that may be called, with their numbers of arguments.
     """
 
@@ -205,7 +206,7 @@ def formula(*names: str, functions: Mapping[str, tuple[int, ...]] = TYPED_FUNCTI
         text = str(value)
         allowed: set[str] = set()
         for name in names:
-            if name not in ("states", "inputs"):
+            if name not in ("states", "inputs", "coordinates"):
                 allowed.add(name)
             elif (listed := _context(info, name)) is not None:
                 allowed.update(listed)
@@ -232,6 +233,6 @@ class _Formula:
 ExpressionInDelta = Annotated[Expression, formula("delta"), PlainSerializer(str)]
 
 __all__ = [
-    "MAX_ROWS", "ExactNumber", "ExpressionInDelta", "NonNegativeNumber", "PositiveNumber", "Rows", "Vector", "bounded",
+    "MAX_ROWS", "ExactNumber", "ExpressionInDelta", "NonNegativeNumber", "PositiveNumber", "Rows", "Through", "Vector", "bounded",
     "formula", "read_exact", "read_expression", "sized", "wrong",
 ]  # fmt: skip

@@ -1,0 +1,305 @@
+"""The spec: a file read, every block of it checked, all mistakes told at once, and the nouns that come out."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import BaseModel, Field
+
+from cdobs_cli.errors import Problem, SpecError
+from cdobs_cli.exact.expression import Expression, ExpressionError, Number, nearest
+from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.families import FAMILIES, Family
+from cdobs_cli.families.fields import read_exact
+from cdobs_cli.plant import Plant, TypedDynamics, coordinate_names
+from cdobs_cli.run import SimulationPlan
+from cdobs_cli.spec.block import Block, placed, read_block
+from cdobs_cli.spec.expect import Expectation, ExpectBlock, expect_problems, expectations
+from cdobs_cli.spec.measurement_block import MeasurementBlock, measurement_problems, sampling_law
+from cdobs_cli.spec.plant_block import PlantBlock, plant_problems, typed_plant
+from cdobs_cli.spec.reader import Document, FieldPath, read, shown
+from cdobs_cli.spec.simulation_block import SimulationBlock, plan, simulation_problems
+
+MAX_EXPECTATIONS = 200
+
+
+class Header(Block):
+    """The keys of a spec; its blocks are read one by one."""
+
+    required: ClassVar[tuple[str, ...]] = ("spec_version", "plant", "measurement", "observer")
+    spec_version: Literal[1] | None = None
+    title: Annotated[str, Field(max_length=200)] | None = None
+    plant: Any = None
+    measurement: Any = None
+    observer: Any = None
+    simulation: Any = None
+    expect: Any = None
+
+
+@dataclass(frozen=True)
+class Spec:
+    """A spec without mistakes.
+
+    expect: as typed, and `verdict: proved` unless an entry names the verdict. coordinates: the way back to the
+    states that the user typed, where the plant is not in them.
+    """
+
+    title: str
+    plant: Plant
+    observer: Family
+    simulation: SimulationPlan | None
+    expect: tuple[Expectation, ...]
+    source_path: Path
+    document: Document
+    typed: TypedDynamics | None = None
+    coordinates: Any = None
+
+    def location(self, path: FieldPath) -> tuple[str, int, int]:
+        """File, line and column of a value, or of the nearest thing around it that was typed."""
+        place = self.document.place(tuple(path))
+        return place.file, place.line, place.column
+
+    def normalised(self) -> dict[str, Any]:
+        """The content that results depend on, as JSON: exact numbers as text; comments and title do not show."""
+        typed: Plant | TypedDynamics = self.typed or self.plant
+        plant = canonical(typed)
+        measurement = {name: plant.pop(name) for name in ("C", "sampling", "noise")}
+        return {
+            "plant": plant,
+            "measurement": measurement,
+            "observer": canonical(self.observer),
+            "simulation": canonical(self.simulation),
+            "expect": [canonical(entry) for entry in self.expect],
+        }
+
+
+def canonical(value: Any) -> Any:
+    """JSON-able content of a noun or block: equal for equal meaning, exact numbers as text."""
+    if value is None or isinstance(value, bool | int):
+        return value
+    if isinstance(value, str):
+        return str(value)
+    if isinstance(value, Exact | Expression):
+        return str(value)
+    if isinstance(value, ExactMatrix):
+        return value.texts()
+    if isinstance(value, BaseModel):
+        return {name: canonical(getattr(value, name)) for name in type(value).model_fields}
+    if is_dataclass(value):
+        return {part.name: canonical(getattr(value, part.name)) for part in fields(value)}
+    if isinstance(value, Mapping):
+        return {str(name): canonical(value[name]) for name in value}
+    if isinstance(value, frozenset | set):
+        return sorted(canonical(entry) for entry in value)
+    if isinstance(value, tuple | list):
+        return [canonical(entry) for entry in value]
+    raise TypeError(f"no canonical form of {type(value).__name__}")
+
+
+def load(path: str | Path) -> Spec:
+    """Read and check a spec.
+
+    Raises:
+        SpecError: every mistake that was found, each with file, line and column.
+    """
+    path = Path(path)
+    document = read(path)
+    with warnings.catch_warnings():
+        # Python warns of odd literals in typed expressions; they are refused in our own words.
+        warnings.simplefilter("ignore")
+        return _Loader(document, path).load()
+
+
+class _Loader:
+    def __init__(self, document: Document, path: Path) -> None:
+        self.document, self.path = document, path
+        self.problems: list[Problem] = []
+
+    def fail(self) -> SpecError:
+        """All problems in the order of the text; not those about values that the reader refused."""
+        refused = self.document.refused
+        kept = [
+            placed(problem, self.document) for problem in self.problems if not any(problem.field[: len(path)] == path for path in refused)
+        ]
+        unique = dict.fromkeys([*self.document.problems, *kept])
+        own = self.document.file
+        return SpecError(tuple(sorted(unique, key=lambda one: (one.file != own, one.file or "", one.line or 0, one.column or 0))))
+
+    @property
+    def failed(self) -> bool:
+        return bool(self.problems or self.document.problems)
+
+    def block(self, model: type[Any], value: Any, at: FieldPath, context: dict[str, Any]) -> tuple[Any, set[str]]:
+        block, wrong_fields, problems = read_block(model, value, at, context)
+        self.problems += problems
+        return block, wrong_fields
+
+    def load(self) -> Spec:
+        root = self.document.root
+        if not isinstance(root, dict):
+            names = ", ".join(Header.model_fields)
+            self.problems.append(Problem((), "a mapping is expected", shown(root), names))
+            raise self.fail()
+        self.include_plant_file(root)
+        header, _ = self.block(Header, root, (), {})
+        context = self.context(root.get("plant"))
+
+        plant, plant_wrong = self.section(PlantBlock, root, "plant", context)
+        if plant is not None:
+            if plant.states is None and context["states"] and len(context["states"]) == len(_entries(root["plant"].get("states"))):
+                # Names that are wrong still tell how many states there are.
+                plant = plant.model_copy(update={"states": tuple(context["states"])})
+            self.problems += plant_problems(plant, plant_wrong)
+        measurement, measurement_wrong = self.section(MeasurementBlock, root, "measurement", context)
+        if measurement is not None:
+            self.problems += measurement_problems(measurement, measurement_wrong, plant)
+        family = self.family(root.get("observer"), context) if root.get("observer") is not None else None
+        simulation, simulation_wrong = self.section(SimulationBlock, root, "simulation", context)
+        if simulation is not None:
+            law = None if measurement is None or measurement.sampling is None else sampling_law(measurement)
+            self.problems += simulation_problems(
+                simulation, simulation_wrong,
+                states=plant and plant.states, inputs=self.signalled(plant, family),
+                outputs=_outputs(plant, measurement),
+                disturbed=plant is None or plant.disturbance is not None or "disturbance" in plant_wrong,
+                noisy=measurement is None or measurement.noise is not None or "noise" in measurement_wrong, law=law,
+            )  # fmt: skip
+        expect = self.expectations(root.get("expect"))
+        if self.failed:
+            raise self.fail()
+
+        noise = None if measurement.noise is None else measurement.noise.box()
+        typed = typed_plant(plant, measurement.C, sampling_law(measurement), noise, tuple(context["coordinates"]))
+        run = None if simulation is None else plan(simulation)
+        final, coordinates = self.derive(typed)
+        self.problems += family.problems(final, run) if family is not None else []
+        if self.failed or family is None:
+            raise self.fail()
+        return Spec(
+            title=header.title or self.path.stem, plant=final, observer=family, simulation=run, expect=expectations(expect),
+            source_path=self.path, document=self.document,
+            typed=typed if isinstance(typed, TypedDynamics) else None, coordinates=coordinates,
+        )  # fmt: skip
+
+    def section(self, model: type[Any], root: dict[str, Any], name: str, context: dict[str, Any]) -> tuple[Any, set[str]]:
+        return (None, set()) if root.get(name) is None else self.block(model, root[name], (name,), context)
+
+    def include_plant_file(self, root: dict[str, Any]) -> None:
+        """`plant: {file: name}`: the file's content stands in the place of the block."""
+        plant = root.get("plant")
+        if not isinstance(plant, dict) or "file" not in plant:
+            return
+        at: FieldPath = ("plant", "file")
+        name = plant["file"]
+        for other in plant:
+            if other != "file":
+                self.problems.append(Problem(("plant", other), "goes into the plant's file", hint="`file` stands alone"))
+        if not isinstance(name, str) or not name:
+            self.problems.append(placed(Problem(at, "a file name is expected", shown(name)), self.document))
+            root["plant"] = None
+            self.document.refused.add(("plant",))
+            return
+        try:
+            included = read(self.path.parent / name)
+        except SpecError as error:
+            self.problems += [self.included_problem(problem, at) for problem in error.problems]
+            raise self.fail() from None
+        if isinstance(included.root, dict) and "file" in included.root:
+            place = included.place(("file",), key=True)
+            nested = Problem(at, "a plant's file names no further file")
+            self.problems.append(replace(nested, file=place.file, line=place.line, column=place.column))
+            raise self.fail()
+        self.problems = [placed(problem, self.document) for problem in self.problems]
+        self.document.graft(("plant",), included)
+
+    def included_problem(self, problem: Problem, at: FieldPath) -> Problem:
+        if problem.line is not None:
+            where = (problem.file, problem.line, problem.column)
+        else:
+            # The file as a whole: the place that names it is where to look.
+            where = self.document.place(at).file, self.document.place(at).line, self.document.place(at).column
+        return Problem(at, problem.what, problem.got or problem.file, problem.allowed, problem.hint, *where)
+
+    def context(self, plant: Any) -> dict[str, Any]:
+        """Names for every expression below, as far as they can be read: what is wrong among them is told
+        where it stands, not again at each use."""
+        plant = plant if isinstance(plant, dict) else {}
+        states = [name for name in _entries(plant.get("states")) if isinstance(name, str)]
+        inputs = [name for name in _entries(plant.get("inputs")) if isinstance(name, str)]
+        parameters: dict[str, Expression] = {}
+        typed = plant.get("parameters")
+        for name, value in list(typed.items())[:200] if isinstance(typed, dict) else []:
+            try:
+                parameters[name] = read_exact(value, dict(parameters)).expression
+            except (ValueError, ExpressionError):
+                parameters[name] = Number(1)
+        names = states
+        if plant.get("coordinates") is not None:
+            names = list(coordinate_names(len(states[:64]), frozenset([*states, *inputs, *parameters])))
+        return {"parameters": parameters, "states": states, "inputs": inputs, "coordinates": names}
+
+    def family(self, value: Any, context: dict[str, Any]) -> Family | None:
+        at: FieldPath = ("observer",)
+        names = ", ".join(FAMILIES)
+        if not isinstance(value, dict):
+            self.problems.append(Problem(at, "a mapping is expected", shown(value), "family, and what it takes"))
+            return None
+        name = value.get("family")
+        if not isinstance(name, str) or name not in FAMILIES:
+            what = "is required" if name is None else "unknown family"
+            hint = nearest(name, FAMILIES)[2:] or None if isinstance(name, str) else None
+            self.problems.append(Problem((*at, "family"), what, None if name is None else shown(name), names, hint))
+            return None
+        block, _, problems = read_block(FAMILIES[name], value, at, context)
+        self.problems += problems
+        return block
+
+    def signalled(self, plant: PlantBlock | None, family: Family | None) -> tuple[str, ...]:
+        """The inputs that need a signal: all but those that the observer itself sets."""
+        if plant is None:
+            return ()
+        names = tuple(plant.inputs or ())
+        controlled = family.controlled(names) if family is not None else frozenset(names)
+        return tuple(name for name in names if name not in controlled)
+
+    def expectations(self, value: Any) -> list[ExpectBlock]:
+        if value is None:
+            return []
+        if not isinstance(value, list) or len(value) > MAX_EXPECTATIONS:
+            self.problems.append(Problem(("expect",), f"a list of at most {MAX_EXPECTATIONS} entries is expected", shown(value)))
+            return []
+        blocks = []
+        for i, entry in enumerate(value):
+            block, wrong_fields = self.block(ExpectBlock, entry, ("expect", i), {})
+            if block is not None:
+                self.problems += expect_problems(block, wrong_fields, ("expect", i))
+                blocks.append(block)
+        return blocks
+
+    def derive(self, typed: Plant | TypedDynamics) -> tuple[Plant, Any]:
+        """The plant that families see."""
+        if isinstance(typed, Plant):
+            return typed, None
+        from cdobs_cli.coordinates import derive
+
+        return derive(typed)
+
+
+def _entries(value: Any) -> list[Any]:
+    return list(value)[:1024] if isinstance(value, list | dict) else []
+
+
+def _outputs(plant: PlantBlock | None, measurement: MeasurementBlock | None) -> int | None:
+    if plant is not None and plant.output is not None:
+        return len(plant.output)
+    return None if measurement is None or measurement.C is None else measurement.C.shape[0]
+
+
+def is_plant_file(path: Path) -> bool:
+    """Whether a name is that of a plant's file, which is not a spec of its own."""
+    return re.search(r"\.plant\.ya?ml\Z", path.name) is not None

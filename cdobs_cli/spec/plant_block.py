@@ -1,0 +1,164 @@
+"""The block `plant`: its fields, their shapes, and the noun made of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Discriminator, Tag
+
+from cdobs_cli.errors import Problem
+from cdobs_cli.exact.expression import Expression, nearest
+from cdobs_cli.exact.numbers import ExactMatrix
+from cdobs_cli.families.fields import (
+    ExactNumber,
+    Rows,
+    formula,
+    sized,
+)
+from cdobs_cli.plant import Box, CoordinateMap, Domain, Input, Plant, SamplingLaw, TypedDynamics
+from cdobs_cli.spec.block import Block, Name
+from cdobs_cli.spec.boxes import MAX_STATES, BoxBlock, IntervalField, box_problems, length_problem, shape_problem
+from cdobs_cli.spec.domain_block import DomainBlock
+from cdobs_cli.spec.slopes_block import SlopesField, slopes
+
+MAX_INPUTS = 16
+MAX_PARAMETERS = 100
+
+
+class InputBlock(Block):
+    """A known input; `range` where its values lie."""
+
+    range: IntervalField | None = None
+
+
+def _formulas(*names: str, largest: int = MAX_STATES) -> Any:
+    return Annotated[tuple[Annotated[Expression, formula(*names)], ...], sized(1, largest)]
+
+
+class MapBlock(Block):
+    """z = map(x), x = inverse(z)."""
+
+    required: ClassVar[tuple[str, ...]] = ("map", "inverse")
+    map: _formulas("states") | None = None  # type: ignore[valid-type]
+    inverse: _formulas("coordinates") | None = None  # type: ignore[valid-type]
+
+
+CoordinatesField = Annotated[
+    Annotated[Literal["lie"], Tag("word")] | Annotated[MapBlock, Tag("map")],
+    Discriminator(lambda value: "map" if isinstance(value, dict | MapBlock) else "word"),
+]
+
+
+class PlantBlock(Block):
+    """xdot = A x + phi(x, u) + B u + d with bounds of the slopes of phi, or xdot = f(x, u), y = h(x)."""
+
+    required: ClassVar[tuple[str, ...]] = ("states",)
+    states: Annotated[tuple[Name, ...], sized(1, MAX_STATES)] | None = None
+    inputs: dict[Name, InputBlock | None] | None = None
+    parameters: dict[Name, ExactNumber] | None = None
+    A: Rows | None = None
+    phi: _formulas("coordinates", "inputs") | None = None  # type: ignore[valid-type]
+    B: Rows | None = None
+    lipschitz: SlopesField | None = None
+    domain: DomainBlock | None = None
+    disturbance: BoxBlock | None = None
+    dynamics: _formulas("states", "inputs") | None = None  # type: ignore[valid-type]
+    output: _formulas("states") | None = None  # type: ignore[valid-type]
+    coordinates: CoordinatesField | None = None
+
+
+def plant_problems(plant: PlantBlock, wrong_fields: set[str]) -> Iterator[Problem]:
+    """Names, and shapes against the number of states; `wrong_fields` are already told."""
+
+    def at(*path: str | int) -> tuple[str | int, ...]:
+        return ("plant", *path)
+
+    states = plant.states
+    yield from _name_problems(plant)
+    if plant.dynamics is None and "dynamics" not in wrong_fields:
+        for name in ("A", "phi", "lipschitz"):
+            if getattr(plant, name) is None and name not in wrong_fields:
+                yield Problem(at(name), "is required", hint="or type the plant as `dynamics` and `output`")
+        for name in ("output", "coordinates"):
+            if getattr(plant, name) is not None:
+                yield Problem(at(name), "goes with `dynamics`, which is not given")
+    elif plant.dynamics is not None and plant.output is None and "output" not in wrong_fields:
+        yield Problem(at("output"), "is required with `dynamics`")
+    for name, count in (("inputs", MAX_INPUTS), ("parameters", MAX_PARAMETERS)):
+        if len(getattr(plant, name) or ()) > count:
+            yield Problem(at(name), f"at most {count} are taken", str(len(getattr(plant, name) or ())))
+    if states is None:
+        return
+    n, m = len(states), len(plant.inputs or ())
+    if plant.A is not None:
+        yield from shape_problem(at("A"), plant.A.shape, (n, n), "a row and a column for each state")
+    if plant.B is not None:
+        if m == 0:
+            yield Problem(at("B"), "needs `inputs`, none is declared")
+        else:
+            yield from shape_problem(at("B"), plant.B.shape, (n, m), "a row for each state, a column for each input")
+    for name in ("phi", "dynamics"):
+        yield from length_problem(at(name), getattr(plant, name), n, "one expression for each state")
+    if isinstance(plant.coordinates, MapBlock):
+        for name in ("map", "inverse"):
+            typed = getattr(plant.coordinates, name)
+            if typed is None:
+                yield Problem(at("coordinates", name), "is required")
+            yield from length_problem(at("coordinates", name), typed, n, "one expression for each state")
+    if isinstance(plant.lipschitz, tuple):
+        yield from length_problem(at("lipschitz"), plant.lipschitz, n, "one row for each state")
+        for i, row in enumerate(plant.lipschitz):
+            yield from length_problem(at("lipschitz", i), row, n, "one slope for each state")
+    if plant.domain is not None:
+        for name in plant.domain.__pydantic_extra__ or {}:
+            if name not in states:
+                allowed = [*states, "where"]
+                yield Problem(at("domain", name), "unknown key", None, ", ".join(allowed), nearest(name, allowed)[2:] or None)
+    if plant.disturbance is not None:
+        yield from box_problems(plant.disturbance, at("disturbance"), n, "state")
+
+
+def _name_problems(plant: PlantBlock) -> Iterator[Problem]:
+    seen: dict[str, str] = {}
+    for kind, names in (("states", plant.states or ()), ("inputs", plant.inputs or ()), ("parameters", plant.parameters or ())):
+        for i, name in enumerate(names):
+            if name in seen:
+                place: tuple[str | int, ...] = ("plant", kind, i) if kind == "states" else ("plant", kind, name)
+                yield Problem(place, f"the name {name} is already one of the {seen[name]}")
+            seen.setdefault(name, kind)
+            if kind == "inputs" and name in ("d", "v"):
+                yield Problem(("plant", kind, name), f"the name {name} stands for the {'disturbance' if name == 'd' else 'noise'}")
+            if kind == "states" and name == "where":
+                yield Problem(("plant", kind, i), "the name where stands for the inequalities of a domain")
+
+
+def typed_plant(
+    plant: PlantBlock, C: ExactMatrix | None, sampling: SamplingLaw, noise: Box | None, names: tuple[str, ...]
+) -> Plant | TypedDynamics:
+    """The noun behind a block without problems; `names` are of the states that A and phi are in."""
+    assert plant.states is not None
+    n = len(plant.states)
+    common: dict[str, Any] = {
+        "states": plant.states,
+        "inputs": tuple(Input(name, None if block is None else block.range) for name, block in (plant.inputs or {}).items()),
+        "B": plant.B,
+        "sampling": sampling,
+        "domain": Domain() if plant.domain is None else plant.domain.domain(),
+        "disturbance": None if plant.disturbance is None else plant.disturbance.box(),
+        "noise": noise,
+    }
+    if plant.dynamics is None:
+        assert plant.A is not None and plant.phi is not None and C is not None
+        return Plant(A=plant.A, phi=plant.phi, C=C, slopes=slopes(plant.lipschitz, n), **common)
+    coordinates: CoordinateMap | Literal["lie"] | None = None
+    if plant.coordinates == "lie":
+        coordinates = "lie"
+    elif isinstance(plant.coordinates, MapBlock):
+        assert plant.coordinates.map is not None and plant.coordinates.inverse is not None
+        coordinates = CoordinateMap(names, plant.coordinates.map, plant.coordinates.inverse)
+    assert plant.output is not None
+    return TypedDynamics(
+        dynamics=plant.dynamics, output=plant.output, coordinates=coordinates, names=names, A=plant.A, phi=plant.phi,
+        C=C, slopes=None if plant.lipschitz is None else slopes(plant.lipschitz, n), **common,
+    )  # fmt: skip

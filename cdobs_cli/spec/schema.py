@@ -1,0 +1,83 @@
+"""The JSON Schema (draft-07) of a spec, for editors: made from the models that read it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic.json_schema import models_json_schema
+
+from cdobs_cli.families import FAMILIES
+from cdobs_cli.spec.expect import ExpectBlock
+from cdobs_cli.spec.measurement_block import MeasurementBlock
+from cdobs_cli.spec.plant_block import PlantBlock
+from cdobs_cli.spec.simulation_block import SimulationBlock
+
+DRAFT = "http://json-schema.org/draft-07/schema#"
+_TEMPLATE = "#/definitions/{model}"
+
+
+def json_schema() -> dict[str, Any]:
+    """The whole schema. Editors that speak draft-07 (YAML language server, VS Code) take it as it is."""
+    blocks: list[type[Any]] = [PlantBlock, MeasurementBlock, SimulationBlock, ExpectBlock, *FAMILIES.values()]
+    names, schema = models_json_schema([(block, "validation") for block in blocks], ref_template=_TEMPLATE)
+    definitions = schema["$defs"]
+    refs = {block: names[(block, "validation")] for block in blocks}
+    for name, definition in definitions.items():
+        _require(name, definition)
+    plant_file = {
+        "type": "object", "properties": {"file": {"type": "string"}}, "required": ["file"], "additionalProperties": False,
+        "description": "The plant in a file of its own, e.g. pendulum.plant.yaml.",
+    }  # fmt: skip
+    for family, block in FAMILIES.items():
+        definition = definitions[refs[block]["$ref"].rsplit("/", 1)[1]]
+        definition["properties"]["family"] = {"const": family}
+        definition["required"] = sorted({*definition.get("required", []), "family"})
+    return {
+        "$schema": DRAFT,
+        "title": "cdobs spec",
+        "type": "object",
+        "properties": {
+            "spec_version": {"const": 1},
+            "title": {"type": "string", "maxLength": 200},
+            "plant": {"anyOf": [refs[PlantBlock], plant_file]},
+            "measurement": refs[MeasurementBlock],
+            "observer": _by_family(refs),
+            "simulation": {"anyOf": [refs[SimulationBlock], {"type": "null"}]},
+            "expect": {"anyOf": [{"type": "array", "items": refs[ExpectBlock]}, {"type": "null"}]},
+        },
+        "required": ["spec_version", "plant", "measurement", "observer"],
+        "additionalProperties": False,
+        "definitions": definitions,
+    }
+
+
+def _require(name: str, definition: dict[str, Any]) -> None:
+    """The keys that a block asks for itself (`Block.required`)."""
+    required = next((block.required for block in _blocks() if block.__name__ == name), ())
+    if required:
+        definition["required"] = sorted({*definition.get("required", []), *required})
+
+
+def _blocks() -> list[Any]:
+    from cdobs_cli.spec.block import Block
+
+    found, stack = [], [Block]
+    while stack:
+        block = stack.pop()
+        found.append(block)
+        stack.extend(block.__subclasses__())
+    return found
+
+
+def _by_family(refs: dict[type[Any], Any]) -> dict[str, Any]:
+    """The observer's block, told apart by `family`: if/then, so that an editor names the mistake in the
+    family that was meant."""
+    return {
+        "type": "object",
+        "required": ["family"],
+        "properties": {"family": {"enum": list(FAMILIES)}},
+        "allOf": [
+            {"if": {"properties": {"family": {"const": name}}, "required": ["family"]}, "then": refs[block]}
+            for name, block in FAMILIES.items()
+        ],
+    }

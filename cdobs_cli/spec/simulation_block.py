@@ -1,0 +1,139 @@
+"""The block `simulation`: what is run, from where, under which signals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, ClassVar
+
+from pydantic import ConfigDict, Field
+
+from cdobs_cli.errors import Problem
+from cdobs_cli.exact.expression import TYPED_FUNCTIONS, Expression, Variable, nearest
+from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.families.fields import PositiveNumber, Vector, formula, sized
+from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.run import SimulationPlan
+from cdobs_cli.spec.block import Block
+from cdobs_cli.spec.boxes import MAX_STATES, BoxBlock, box_problems, length_problem, ordered
+
+MAX_RUNS = 100_000
+MAX_SAMPLES = 1_000_000
+# Drawn anew at every sample, from the seed: uniform in [lo, hi], normal with deviation sigma.
+NOISE_FUNCTIONS = {**TYPED_FUNCTIONS, "uniform": (2,), "normal": (1,)}
+
+OfTime = Annotated[Expression, formula("t")]
+Noise = Annotated[Expression, formula("t", functions=NOISE_FUNCTIONS)]
+
+
+class SignalsBlock(Block):
+    """Inputs by name, `d` the disturbance, `v` the noise at samples: expressions of t."""
+
+    model_config = ConfigDict(extra="allow", frozen=True, arbitrary_types_allowed=True)
+    __pydantic_extra__: dict[str, OfTime]
+    d: Annotated[tuple[OfTime, ...], sized(1, MAX_STATES)] | None = None
+    v: Annotated[tuple[Noise, ...], sized(1, MAX_STATES)] | None = None
+
+    @property
+    def inputs(self) -> dict[str, Expression]:
+        """The expressions of the inputs, by name."""
+        return dict(self.__pydantic_extra__ or {})
+
+
+class SimulationBlock(Block):
+    """One run from `initial_state`, or `runs` from `initial_box`."""
+
+    required: ClassVar[tuple[str, ...]] = ("horizon",)
+    horizon: PositiveNumber | None = None
+    initial_state: Vector | None = None
+    initial_box: BoxBlock | None = None
+    initial_estimate: Vector | None = None
+    runs: Annotated[int, Field(strict=True, ge=1, le=MAX_RUNS)] = 1
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = 0
+    signals: SignalsBlock | None = None
+    sampling_times: Annotated[Expression, formula("t_k")] | None = None
+
+
+def simulation_problems(
+    simulation: SimulationBlock,
+    wrong_fields: set[str],
+    *,
+    states: tuple[str, ...] | None,
+    inputs: tuple[str, ...],
+    outputs: int | None,
+    disturbed: bool,
+    noisy: bool,
+    law: SamplingLaw | None,
+) -> Iterator[Problem]:
+    """Lengths, a start, a number of samples that can be run, a signal for what needs one."""
+    at = ("simulation",)
+    n = None if states is None else len(states)
+    box = simulation.initial_box
+    if n is not None:
+        for name in ("initial_state", "initial_estimate"):
+            yield from length_problem((*at, name), getattr(simulation, name), n, "one number for each state")
+    if box is not None:
+        yield from box_problems(box, (*at, "initial_box"), n, "state")
+    if simulation.initial_state is None and box is None and not wrong_fields & {"initial_state", "initial_box"}:
+        yield Problem((*at, "initial_state"), "is required, or initial_box")
+    if simulation.initial_state is not None and box is not None and box.lower is not None and box.upper is not None:
+        for i, (lower, value, upper) in enumerate(zip(box.lower, simulation.initial_state, box.upper, strict=False)):
+            if ordered(lower, upper) and not (ordered(lower, value) and ordered(value, upper)):
+                yield Problem((*at, "initial_state", i), "lies outside initial_box", str(value), f"{lower} to {upper}")
+    horizon = simulation.horizon
+    longest = None if law is None or law.kind == "updated" else law.T_max * Exact(MAX_SAMPLES)
+    if horizon is not None and longest is not None and not ordered(horizon, longest):
+        yield Problem((*at, "horizon"), "too many samples", str(horizon), f"at most {MAX_SAMPLES} periods")
+    signals = simulation.signals or SignalsBlock.model_construct()
+    yield from _signal_problems(signals, wrong_fields, n, inputs, outputs, disturbed, noisy)
+
+
+def _signal_problems(
+    signals: SignalsBlock,
+    wrong_fields: set[str],
+    n: int | None,
+    inputs: tuple[str, ...],
+    outputs: int | None,
+    disturbed: bool,
+    noisy: bool,
+) -> Iterator[Problem]:
+    at = ("simulation", "signals")
+    given = signals.inputs
+    for name in given:
+        if name not in inputs:
+            allowed = [*inputs, "d", "v"]
+            yield Problem((*at, name), "unknown key", None, ", ".join(allowed), nearest(name, allowed)[2:] or None)
+    if "signals" not in wrong_fields:
+        for name in inputs:
+            if name not in given:
+                yield Problem(at, f"the input {name} has no signal", hint=f'add {name}: "0", or an expression of t')
+    if signals.d is not None:
+        if not disturbed:
+            yield Problem((*at, "d"), "needs plant.disturbance, which is not given")
+        elif n is not None:
+            yield from length_problem((*at, "d"), signals.d, n, "one expression for each state")
+    if signals.v is not None:
+        if not noisy:
+            yield Problem((*at, "v"), "needs measurement.noise, which is not given")
+        elif outputs is not None:
+            yield from length_problem((*at, "v"), signals.v, outputs, "one expression for each output")
+
+
+def plan(block: SimulationBlock) -> SimulationPlan:
+    """The noun of a block without problems."""
+    assert block.horizon is not None
+    signals: dict[str, Expression] = {}
+    if block.signals is not None:
+        signals |= block.signals.inputs
+        signals |= {f"d.{i}": expression for i, expression in enumerate(block.signals.d or ())}
+        signals |= {f"v.{i}": expression for i, expression in enumerate(block.signals.v or ())}
+    times = block.sampling_times
+    return SimulationPlan(
+        horizon=block.horizon,
+        initial_state=block.initial_state,
+        initial_box=None if block.initial_box is None else block.initial_box.box(),
+        initial_estimate=block.initial_estimate,
+        runs=block.runs,
+        seed=block.seed,
+        signals=signals,
+        sampling_times=None if times is None else times.substitute({"t_k": Variable("t")}),
+    )
