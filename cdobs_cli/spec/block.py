@@ -125,8 +125,10 @@ def _walk(value: Any, loc: tuple[str | int, ...]) -> tuple[FieldPath, Any]:
     """The typed path behind pydantic's, which also names the members of unions; and what stands there."""
     path: list[str | int] = []
     for part in loc:
-        if (isinstance(value, dict) and part in value) or (isinstance(value, list) and isinstance(part, int) and part < len(value)):
-            value = value[part]
+        inside: Any = value
+        known = part in inside if isinstance(inside, dict) else isinstance(inside, list) and isinstance(part, int) and part < len(inside)
+        if known:
+            value = inside[part]
             path.append(part)
     return tuple(path), value
 
