@@ -58,25 +58,30 @@ class ExpectBlock(Block):
 
 @dataclass(frozen=True)
 class Expectation:
-    """quantity (relation) value: a dotted path into check.json (or `design.`, `simulation.`)."""
+    """quantity (relation) value: a dotted path into check.json (or `design.`, `simulation.`). `field` is where
+    it stands in the spec."""
 
     quantity: str
     relation: Relation
     value: Exact | str | bool
     tolerance: Exact | None = None
     source: str | None = None
-    implicit: bool = False
+    field: tuple[str | int, ...] = ("expect",)
 
     @property
-    def text(self) -> str:
-        """As in a message: `bounds.period_max.proved at least 0.6`."""
+    def artefact(self) -> Literal["design", "check", "simulation"]:
+        """The artefact that the quantity is looked up in."""
+        root = _root(self.quantity)
+        return "design" if root == "design" else "simulation" if root == "simulation" else "check"
+
+    def __str__(self) -> str:
         value = ("true" if self.value else "false") if isinstance(self.value, bool) else str(self.value)
         tolerance = "" if self.tolerance is None else f" (tolerance {self.tolerance})"
         return f"{self.quantity} {self.relation.replace('_', ' ')} {value}{tolerance}"
 
 
 @dataclass(frozen=True)
-class ExpectationResult:
+class Outcome:
     """Whether an expectation holds, and what was found (None: nothing)."""
 
     expectation: Expectation
@@ -87,10 +92,12 @@ class ExpectationResult:
     def text(self) -> str:
         """One sentence for people."""
         got = "is missing or null" if self.found is None else f"is {self.found}"
-        return f"{self.expectation.text}: {'holds' if self.holds else 'fails'}, it {got}"
+        source = f" ({self.expectation.source})" if self.expectation.source else ""
+        return f"{self.expectation}: {'holds' if self.holds else 'fails'}, it {got}{source}"
 
 
-VERDICT_PROVED = Expectation("verdict", "equals", "proved", implicit=True)
+def _root(quantity: str) -> str:
+    return re.split(r"[.\[]", quantity, maxsplit=1)[0]
 
 
 def expect_problems(block: ExpectBlock, wrong_fields: set[str], at: tuple[str | int, ...]) -> Iterator[Problem]:
@@ -101,25 +108,22 @@ def expect_problems(block: ExpectBlock, wrong_fields: set[str], at: tuple[str | 
     if block.tolerance is not None and (given != ["equals"] or not isinstance(block.equals, Exact | None)):
         yield Problem((*at, "tolerance"), "goes with equals and a number")
     if block.quantity is not None:
-        root = re.split(r"[.\[]", block.quantity, maxsplit=1)[0]
+        root = _root(block.quantity)
         if root not in ROOTS:
             allowed = f"a path that starts with {', '.join(ROOTS)}"
             hint = nearest(root, ROOTS)[2:] or None
             yield Problem((*at, "quantity"), "no such quantity", f'"{block.quantity[:60]}"', allowed, hint)
 
 
-def expectations(blocks: list[ExpectBlock]) -> tuple[Expectation, ...]:
-    """The nouns of blocks without problems, and `verdict: proved` unless one of them names `verdict`."""
-    found = []
-    for block in blocks:
-        relation = next(name for name in RELATIONS if getattr(block, name) is not None)
-        assert block.quantity is not None
-        found.append(Expectation(block.quantity, relation, getattr(block, relation), block.tolerance, block.source))
-    named = any(entry.quantity.removeprefix("check.") == "verdict" for entry in found)
-    return (*found,) if named else (*found, VERDICT_PROVED)
+def expectation(block: ExpectBlock, at: tuple[str | int, ...]) -> Expectation:
+    """The noun of a block without problems."""
+    relation = next(name for name in RELATIONS if getattr(block, name) is not None)
+    assert block.quantity is not None
+    quantity = block.quantity.removeprefix("check.")
+    return Expectation(quantity, relation, getattr(block, relation), block.tolerance, block.source, at)
 
 
-def evaluate(expectation: Expectation, document: Mapping[str, Any]) -> ExpectationResult:
+def evaluate(expectation: Expectation, document: Mapping[str, Any]) -> Outcome:
     """Whether the expectation holds of the artefacts.
 
     Args:
@@ -128,9 +132,9 @@ def evaluate(expectation: Expectation, document: Mapping[str, Any]) -> Expectati
     """
     value = resolve(expectation.quantity, document)
     if value is None or isinstance(value, dict | list):
-        return ExpectationResult(expectation, False, None if value is None else "not a single value")
+        return Outcome(expectation, False, None if value is None else "not a single value")
     found = ("true" if value else "false") if isinstance(value, bool) else str(value)
-    return ExpectationResult(expectation, _holds(expectation, value), found)
+    return Outcome(expectation, _holds(expectation, value), found)
 
 
 def _holds(expectation: Expectation, value: Any) -> bool:

@@ -19,7 +19,7 @@ from cdobs_cli.families.fields import read_exact
 from cdobs_cli.plant import Plant, TypedDynamics, coordinate_names
 from cdobs_cli.run import SimulationPlan
 from cdobs_cli.spec.block import Block, placed, read_block
-from cdobs_cli.spec.expect import Expectation, ExpectBlock, expect_problems, expectations
+from cdobs_cli.spec.expect import Expectation, ExpectBlock, expect_problems, expectation
 from cdobs_cli.spec.measurement_block import MeasurementBlock, measurement_problems, sampling_law
 from cdobs_cli.spec.plant_block import PlantBlock, plant_problems, typed_plant
 from cdobs_cli.spec.reader import Document, FieldPath, read, shown
@@ -45,8 +45,7 @@ class Header(Block):
 class Spec:
     """A spec without mistakes.
 
-    expect: as typed, and `verdict: proved` unless an entry names the verdict. coordinates: the way back to the
-    states that the user typed, where the plant is not in them.
+    coordinates: the way back to the states that the user typed, where the plant is not in them.
     """
 
     title: str
@@ -180,8 +179,9 @@ class _Loader:
         self.problems += family.problems(final, run) if family is not None else []
         if self.failed or family is None:
             raise self.fail()
+        entries = tuple(expectation(block, ("expect", i)) for i, block in enumerate(expect))
         return Spec(
-            title=header.title or self.path.stem, plant=final, observer=family, simulation=run, expect=expectations(expect),
+            title=header.title or self.path.stem, plant=final, observer=family, simulation=run, expect=entries,
             source_path=self.path, document=self.document,
             typed=typed if isinstance(typed, TypedDynamics) else None, coordinates=coordinates,
         )  # fmt: skip
