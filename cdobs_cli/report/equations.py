@@ -51,6 +51,10 @@ class Operator(Formula):
     text: str
 
 
+# The invisible sign between a function and its argument: no space where factors have one.
+APPLIED = Operator("\u2061")
+
+
 @dataclass(frozen=True)
 class Words(Formula):
     """Plain words inside a formula."""
@@ -204,6 +208,11 @@ def _fence(body: Formula) -> Formula:
     return Fenced("(", body, ")")
 
 
+def applied(function: Formula, argument: Formula) -> Formula:
+    """function(argument)."""
+    return Row((function, APPLIED, _fence(argument)))
+
+
 def _factors(node: Expression) -> list[Expression]:
     if isinstance(node, Call) and node.function == "multiply":
         return [factor for child in node.children for factor in _factors(child)]
@@ -247,7 +256,7 @@ def _power(base: Expression, exponent: Fraction) -> Formula:
     if exponent == Fraction(1, 2):
         return Root(_sum(base))
     if isinstance(base, Call) and base.function in _NAMED_FUNCTIONS and exponent.denominator == 1 and exponent > 1:
-        return Row((Script(Symbol(base.function), None, above), _fence(_list(base.children))))
+        return applied(Script(Symbol(base.function), None, above), _list(base.children))
     if isinstance(base, Variable | Constant) or (isinstance(base, Number) and base.value >= 0 and base.value.denominator == 1):
         inner = _atom(base)
         if isinstance(inner, Script) and inner.above is None:
@@ -282,11 +291,11 @@ def _function(node: Call) -> Formula:
             return Ratio(_sum(a[0]), _sum(a[2] * a[1] + a[0]))
         case "sat":
             limits = Fenced("[", Row((_sum(a[1]), Operator(","), _sum(a[2]))), "]")
-            return Row((Script(Symbol("sat"), limits), _fence(_sum(a[0]))))
+            return applied(Script(Symbol("sat"), limits), _sum(a[0]))
         case "sign" | "step" as name:
-            return Row((Symbol({"sign": "sgn", "step": "step"}[name]), _fence(_sum(a[0]))))
+            return applied(Symbol({"sign": "sgn", "step": "step"}[name]), _sum(a[0]))
         case name:
-            return Row((Symbol(name), _fence(_list(a))))
+            return applied(Symbol(name), _list(a))
 
 
 # ---------------------------------------------------------------- LaTeX
@@ -304,7 +313,7 @@ def latex(piece: Formula) -> str:
         case Words(text):
             return rf"\text{{{_latex_text(text)}}}"
         case Row(parts):
-            return " ".join(latex(part) for part in parts)
+            return " ".join(latex(part) for part in parts if part != APPLIED)
         case Ratio(top, bottom):
             return rf"\frac{{{latex(top)}}}{{{latex(bottom)}}}"
         case Script(base, below, above):
@@ -385,20 +394,13 @@ def mathml(piece: Formula) -> str:
 
 
 def _mathml_row(parts: Sequence[Formula]) -> str:
-    """Pieces with a thin space where two factors meet, an unspaced sign where a minus leads."""
+    """Pieces with a thin space where two factors meet, an unspaced sign where one leads."""
     text = ""
     for index, part in enumerate(parts):
-        previous = parts[index - 1] if index else None
-        if previous is not None and not isinstance(part, Operator) and not isinstance(previous, Operator):
-            applied = isinstance(part, Fenced) and _names_function(previous)
-            text += "<mo>&#x2061;</mo>" if applied else '<mspace width="0.17em"></mspace>'
+        if index and not isinstance(part, Operator) and not isinstance(parts[index - 1], Operator):
+            text += '<mspace width="0.17em"></mspace>'
         text += f'<mo form="prefix">{part.text}</mo>' if index == 0 and isinstance(part, Operator) else mathml(part)
     return text
-
-
-def _names_function(piece: Formula) -> bool:
-    base = piece.base if isinstance(piece, Script) else piece
-    return isinstance(base, Symbol) and (base.name in _NAMED_FUNCTIONS or base.name in ("sat", "sgn", "step"))
 
 
 def mathml_block(equations: Sequence[Equation]) -> str:

@@ -59,21 +59,24 @@ def _block(block: Block, pictures: Mapping[str, bytes]) -> str:
 def _grid(grid: Grid) -> str:
     title = f"<caption>{escape(grid.title)}</caption>" if grid.title else ""
     head = "".join(f'<th scope="col">{escape(column)}</th>' for column in grid.columns)
-    rows = "".join(f"<tr>{''.join(_cell(cell) for cell in row)}</tr>" for row in grid.rows)
+    rows = "".join(f"<tr>{''.join(map(_cell, row, grid.columns))}</tr>" for row in grid.rows)
+    # Tables of many columns become one card a row on a phone.
+    kind = ' class="cards"' if len(grid.columns) > 4 else ""
     caption = f'<p class="caption">{escape(grid.caption)}</p>' if grid.caption else ""
-    return f'<div class="scroll"><table>{title}<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>{caption}'
+    return f'<div class="scroll"><table{kind}>{title}<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>{caption}'
 
 
-def _cell(cell: Cell) -> str:
+def _cell(cell: Cell, column: str) -> str:
+    label = f' data-label="{escape(column)}"'
     match cell:
         case Mark(status):
-            return f"<td>{status_badge(status)}</td>"
+            return f"<td{label}>{status_badge(status)}</td>"
         case Code(text):
             kind = ' class="name"' if len(text) <= 40 else ""
-            return f"<td{kind}><code>{escape(text)}</code></td>"
+            return f"<td{label}{kind}><code>{escape(text)}</code></td>"
         case _:
             kind = ' class="number"' if _NUMBER.fullmatch(cell) else ' class="long"' if len(cell) > 60 else ""
-            return f"<td{kind}>{escape(cell)}</td>"
+            return f"<td{label}{kind}>{escape(cell)}</td>"
 
 
 def status_badge(status: str) -> str:

@@ -19,6 +19,7 @@ from cdobs_cli.exact.numbers import plain_decimal
 from cdobs_cli.plant import Plant, SamplingLaw
 from cdobs_cli.report.ladder import Ladder, period_ladder
 from cdobs_cli.report.trajectories import run_charts
+from cdobs_cli.report.witnesses import witness_charts
 
 if TYPE_CHECKING:
     from cdobs_cli.families.base import Family
@@ -170,9 +171,11 @@ class Report:
 
     @cached_property
     def charts(self) -> tuple[Chart | Ladder, ...]:
-        """Bracket, simulation, family; a family's chart takes the place of a common one of its name."""
+        """Bracket, counterexamples, simulation, family; a family's chart takes the place of a common one of its name."""
         ladder = period_ladder(self.check.bounds) if self.check else None
         common: list[Chart | Ladder] = [ladder] if ladder else []
+        if self.check is not None:
+            common += witness_charts(self.check)
         if self.run is not None:
             common += run_charts(self.plant, self.run, proved_envelope(self.family, self.plant, self.design, self.check))
         own = {chart.name for chart in self.exhibits.charts}

@@ -9,6 +9,7 @@ from cdobs_cli.report.ladder import Ladder
 from cdobs_cli.report.model import NOTHING, Report, bound_title, domain_text, end_text, ends_text, law_text, margin_text, number_text
 from cdobs_cli.report.references import cited
 from cdobs_cli.report.systems import flow_equations, gain_equations, held_equations, jump_equations, output_equations, plant_equations
+from cdobs_cli.report.witnesses import witness_name
 from cdobs_cli.run import RunSummary
 
 MAX_RUN_ROWS = 20
@@ -140,6 +141,7 @@ def _witnesses(report: Report) -> Section:
     for claim in report.check.claims if report.check else ():
         if claim.witness is not None:
             blocks += [Paragraph(f"{claim.id}: {witness_text(claim.witness)}"), *_arcs(claim.witness)]
+            blocks += [Picture(chart) for chart in report.charts if chart.name == witness_name(claim)]
             if claim.witness.kind in ("constant", "switching"):
                 blocks.append(Listing((f"cdobs simulate {report.spec_path} --witness {claim.id}",)))
     return Section("Counterexamples", tuple(blocks))
@@ -198,7 +200,8 @@ def _exhibits(report: Report) -> Section:
     if report.exhibits.notes:
         blocks.append(Bullets(report.exhibits.notes))
     blocks += [_table(table) for table in report.exhibits.tables]
-    shown = [chart for chart in report.charts if not isinstance(chart, Ladder) and chart.name not in _SIMULATION_CHARTS]
+    elsewhere = {*_SIMULATION_CHARTS, *(witness_name(claim) for claim in (report.check.claims if report.check else ()))}
+    shown = [chart for chart in report.charts if not isinstance(chart, Ladder) and chart.name not in elsewhere]
     return Section("Details of the design", (*blocks, *(Picture(chart) for chart in shown)))
 
 

@@ -47,9 +47,9 @@ mrow.matrix { display: inline-block math; padding: 0 .25em; margin: 0 .15em; bor
   --hook: linear-gradient(currentColor, currentColor);
   background: var(--hook) 0 0 / .3em 1px no-repeat, var(--hook) 100% 0 / .3em 1px no-repeat,
     var(--hook) 0 100% / .3em 1px no-repeat, var(--hook) 100% 100% / .3em 1px no-repeat; }
-mtable.aligned { text-align: left; }
-mtable.aligned mtd { padding: .22em .15em; text-align: left; }
-mtable.aligned mtd:first-child { text-align: right; }
+mrow.matrix mtd { padding: .15em .4em; }
+mtable.aligned > mtr > mtd { padding: .3em .15em; text-align: left; math-style: normal; }
+mtable.aligned > mtr > mtd:first-child { text-align: right; }
 figure { margin: 1rem 0; }
 figure .sheet { background: #ffffff; border-radius: .3rem; padding: .25rem; }
 figure svg, figure img { display: block; width: 100%; max-width: 46rem; height: auto; margin: 0 auto; }
@@ -64,12 +64,21 @@ table.index td { vertical-align: middle; }
 table.index img { width: 9rem; height: auto; background: #ffffff; border-radius: .25rem; display: block; }
 svg.bracket { width: 9rem; height: 1.6rem; display: block; }
 @media (max-width: 44rem) {
-  table.index thead { position: absolute; left: -100vw; }
-  table.index, table.index tbody, table.index tr, table.index td { display: block; }
-  table.index tr { border: 1px solid var(--line); border-radius: .4rem; padding: .6rem .8rem; margin: 0 0 .8rem; }
+  table.index thead, table.index, table.index tbody, table.index tr, table.index td { display: block; }
+  table.index thead tr { border: 0; padding: 0; margin: 0 0 .5rem; }
+  table.index th { display: inline-block; border: 0; padding: .2rem .8rem .2rem 0; }
+  table.index th:last-child { display: none; }
+  table.index tbody tr { border: 1px solid var(--line); border-radius: .4rem; padding: .6rem .8rem; margin: 0 0 .8rem; }
   table.index td { border: 0; padding: .15rem 0; }
   table.index td:empty { display: none; }
   table.index img { width: 100%; max-width: 22rem; }
+}
+@media screen and (max-width: 44rem) {
+  table.cards thead { display: none; }
+  table.cards, table.cards tbody, table.cards tr, table.cards td { display: block; }
+  table.cards tr { border: 1px solid var(--line); border-radius: .4rem; padding: .4rem .7rem; margin: 0 0 .6rem; }
+  table.cards td { border: 0; padding: .1rem 0; white-space: normal; }
+  table.cards td::before { content: attr(data-label) ": "; color: var(--soft); }
 }
 @media print {
   :root { color-scheme: light; --ink: #000; --soft: #444; --line: #bbb; --paper: #fff; --panel: #fff; --proved: #00523b; --proved-bg: #fff;

@@ -8,20 +8,7 @@ from cdobs_cli.exact.expression import ZERO, Expression, Variable
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.hybrid import Observer
 from cdobs_cli.plant import Plant
-from cdobs_cli.report.equations import (
-    Accent,
-    Digits,
-    Equation,
-    Fenced,
-    Formula,
-    Operator,
-    Row,
-    Script,
-    Symbol,
-    formula,
-    matrix,
-    name_formula,
-)
+from cdobs_cli.report.equations import Accent, Digits, Equation, Formula, Operator, Script, Symbol, applied, formula, matrix, name_formula
 
 MAX_EQUATIONS = 24
 
@@ -60,8 +47,7 @@ def output_equations(plant: Plant) -> tuple[Equation, ...]:
     for k, output in enumerate(plant.outputs()):
         total = output if plant.noise is None else output + Variable(f"v.{k}")
         name = Script(Symbol("y"), Digits(str(k + 1))) if plant.p > 1 else Symbol("y")
-        at = Fenced("(", Script(Symbol("t"), Symbol("k")), ")")
-        rows.append(Equation(Row((name, at)), formula(total)))
+        rows.append(Equation(applied(name, Script(Symbol("t"), Symbol("k"))), formula(total)))
     return tuple(rows[:MAX_EQUATIONS])
 
 

@@ -11,7 +11,8 @@ from cdobs_cli.report.equations import latex_block
 from cdobs_cli.report.model import Report, bound_title, end_text, ends_text, law_text, unit_text
 from cdobs_cli.report.sections import sections
 
-SYMBOLS = {"proved": "✓", "refuted": "✗", "undecided": "?", "holds": "✓", "fails": "✗", "no design found": "✗", "not checked": "·"}
+SYMBOLS = {"proved": "✓", "refuted": "✗", "undecided": "?", "holds": "✓", "fails": "✗", "no design found": "✗",
+    "not checked": "·", "invalid": "!", "failed": "!"}  # fmt: skip
 MAX_LISTED = 12
 
 

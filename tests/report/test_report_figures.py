@@ -18,6 +18,7 @@ from cdobs_cli.report.figures import chart_csv, draw, ladder_csv
 from cdobs_cli.report.files import figures_of_run
 from cdobs_cli.report.ladder import period_ladder
 from cdobs_cli.report.trajectories import axis_name, run_charts
+from cdobs_cli.report.witnesses import witness_charts
 
 
 def rows(content: bytes) -> list[dict[str, str]]:
@@ -109,3 +110,12 @@ def test_text_needs_no_drawing_library() -> None:
         "assert not {'matplotlib', 'numpy'} & set(sys.modules), sorted(sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_a_switching_counterexample_is_drawn() -> None:
+    (drawn,) = witness_charts(make_check())
+    (panel,) = drawn.panels
+    assert drawn.name == "witness_period_refuted"
+    assert list(panel.series[0].x) == pytest.approx([0.0, 0.9, 1.7131])
+    assert list(panel.series[0].y) == [1.0, -1.0, -1.0]
+    assert panel.y_label == "$v_{21}$"

@@ -82,7 +82,7 @@ def test_a_hostile_title_is_text(files: dict[str, bytes]) -> None:
 
 
 def test_every_figure_is_in_the_page(report: Report, files: dict[str, bytes]) -> None:
-    assert files["report.html"].decode().count('<svg role="img"') == len(report.charts) == 4
+    assert files["report.html"].decode().count('<svg role="img"') == len(report.charts) == 5
 
 
 @pytest.mark.parametrize("word", ["✓ proved", "✗ refuted", "? undecided", "✗ fails", "Dinh2014: Thach Ngoc Dinh", "b" * 64, "<mfrac>"])
