@@ -165,8 +165,8 @@ def _legend(ax: Axes, known: set[str]) -> None:
 
 def _draw_series(ax: Axes, series: Series, index: int, *, many: bool, panel: Panel) -> None:
     colour = ROLE_COLOURS.get(series.role) or OTHER_COLOURS[index % len(OTHER_COLOURS)]
-    # An estimate is dashed to show the truth below it; alone it is easier to read as a full line.
-    alone = series.role == "estimate" and not any(other.role == "truth" for other in panel.series)
+    # An estimate is dashed to show the truth below it; without it, or alone, a full line is easier to read.
+    alone = len(panel.series) == 1 or (series.role == "estimate" and not any(other.role == "truth" for other in panel.series))
     first = "-" if alone else ROLE_DASHES.get(series.role, "-")
     dashes = first if index == 0 or many else FURTHER_DASHES[index % len(FURTHER_DASHES)]
     label = _mathematics(series.label)

@@ -8,7 +8,7 @@ from html import escape
 
 from cdobs_cli.report.blocks import Block, Bullets, Cell, Code, Grid, Listing, Mark, Mathematics, Paragraph, Picture
 from cdobs_cli.report.equations import mathml_block
-from cdobs_cli.report.model import Report
+from cdobs_cli.report.model import NOTHING, Report
 from cdobs_cli.report.sections import sections
 from cdobs_cli.report.style import page
 from cdobs_cli.report.text import SYMBOLS, bracket_sentence
@@ -75,7 +75,15 @@ def _cell(cell: Cell, column: str) -> str:
             kind = ' class="name"' if len(text) <= 40 else ""
             return f"<td{label}{kind}><code>{escape(text)}</code></td>"
         case _:
-            kind = ' class="number"' if _NUMBER.fullmatch(cell) else ' class="long"' if len(cell) > 60 else ""
+            kind = (
+                ' class="none"'
+                if cell == NOTHING
+                else ' class="number"'
+                if _NUMBER.fullmatch(cell)
+                else ' class="long"'
+                if len(cell) > 60
+                else ""
+            )
             return f"<td{label}{kind}>{escape(cell)}</td>"
 
 

@@ -78,6 +78,7 @@ svg.bracket { width: 9rem; height: 1.6rem; display: block; }
   table.cards, table.cards tbody, table.cards tr, table.cards td { display: block; }
   table.cards tr { border: 1px solid var(--line); border-radius: .4rem; padding: .4rem .7rem; margin: 0 0 .6rem; }
   table.cards td { border: 0; padding: .1rem 0; white-space: normal; }
+  table.cards td.none { display: none; }
   table.cards td::before { content: attr(data-label) ": "; color: var(--soft); }
 }
 @media print {
