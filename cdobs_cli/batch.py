@@ -5,14 +5,14 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cdobs_cli.errors import ArtefactError, CdobsError, ExitCode, SpecError, UsageError
-from cdobs_cli.outcome import Message, Result, exit_code
+from cdobs_cli.outcome import Message, Result, ResultStatus, exit_code
 
 if TYPE_CHECKING:
     from cdobs_cli.console import Console
@@ -111,20 +111,27 @@ def _run(job: Job, stages: tuple[str, ...], settings: Settings) -> Result:
     for stage in stages:
         verbs[stage](work)
     documents = pipeline.documents(work)
-    messages = find(work, documents, frozenset(stages))
-    return Result(str(job.spec), "finding" if messages else "ok", tuple(messages), summary=_summary(work), **documents)  # type: ignore[arg-type]
+    messages = find(spec, documents, frozenset(stages))
+    status: ResultStatus = "finding" if messages else "ok"
+    return Result(str(job.spec), status, tuple(messages), **documents, **_told(work, job, stages, settings))  # type: ignore[arg-type]
 
 
-def _summary(work: Work) -> tuple[str, ...]:
-    if work.design is None:
-        return ()
+def _told(work: Work, job: Job, stages: tuple[str, ...], settings: Settings) -> dict[str, object]:
+    """The lines for people, and the row of the index page."""
     from cdobs_cli.pipeline import report_model
     from cdobs_cli.report.text import summary_lines
 
-    return tuple(summary_lines(report_model(work, {})))
+    report = report_model(work, {})
+    told: dict[str, object] = {"summary": tuple(summary_lines(report))}
+    if "report" in stages:
+        from cdobs_cli.report.index import IndexEntry
+
+        pictures = sorted(path.stem for path in (job.folder / "figures").glob("*.svg"))
+        told["index"] = IndexEntry.of(report, job.folder.relative_to(settings.out).as_posix(), pictures)
+    return told
 
 
-def carry_out(command: str, paths: Iterable[Path], stages: tuple[str, ...], settings: Settings, console: Console) -> ExitCode:
+def carry_out(command: str, paths: Sequence[Path], stages: tuple[str, ...], settings: Settings, console: Console) -> ExitCode:
     """Carry out a command on every spec the paths mean; the largest exit code wins, every spec is processed.
 
     Raises:
@@ -137,6 +144,8 @@ def carry_out(command: str, paths: Iterable[Path], stages: tuple[str, ...], sett
             results[number] = result
             follow.ended(number, result)
     ordered = [results[number] for number in range(len(todo))]
+    if "report" in stages and any(path.is_dir() for path in paths):
+        _write_index(ordered, settings.out)
     code = exit_code(ordered)
     console.finish(command, ordered, code)
     return code
@@ -152,3 +161,15 @@ def _each(todo: list[Job], stages: tuple[str, ...], settings: Settings, started:
     for number, job in enumerate(todo):
         started(number)
         yield number, call(job)
+
+
+def _write_index(results: list[Result], out: Path) -> None:
+    from cdobs_cli.report.index import IndexEntry, index_page
+    from cdobs_cli.store import write_atomically
+
+    rows = []
+    for result in results:
+        message = "; ".join(str(message) for message in result.messages)
+        row = result.index or IndexEntry(Path(result.spec).stem, result.spec, result.status, holds=False)
+        rows.append(replace(row, message=message, holds=result.status == "ok", seconds=result.seconds))
+    write_atomically(out / "index.html", index_page(rows))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal
 
 from cdobs_cli.errors import ExitCode, Problem
@@ -46,7 +46,10 @@ class Message:
 
 @dataclass(frozen=True)
 class Result:
-    """One spec's outcome: status, messages, and the artefacts as documents (None where there are none)."""
+    """One spec's outcome: status, messages, and the artefacts as documents (None where there are none).
+
+    summary: lines for people. index: the row of the index page, once there is a report.
+    """
 
     spec: str
     status: ResultStatus
@@ -54,7 +57,8 @@ class Result:
     design: dict[str, Any] | None = None
     check: dict[str, Any] | None = None
     simulation: dict[str, Any] | None = None
-    summary: tuple[str, ...] = field(default=())
+    summary: tuple[str, ...] = ()
+    index: Any = None
     seconds: float = 0.0
 
     @property

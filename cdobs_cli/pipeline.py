@@ -63,7 +63,7 @@ def synthesize(work: Work) -> Design:
     """The current design, or a new one, stored."""
     if work.design is None and "synthesize" not in work.forced:
         stored = work.store.design()
-        if stored is not None and stored.family == work.spec.observer.family and stored.digests.get("key") == work.design_key:
+        if stored is not None and stored.family == work.spec.observer.name and stored.digests.get("key") == work.design_key:
             work.design = stored
     if work.design is None:
         design = replace(_new_design(work), digests={"key": work.design_key})
@@ -83,7 +83,7 @@ def _new_design(work: Work) -> Design:
         if plant.slopes.auto:
             names = ", ".join(f"d phi_{i + 1}/d x_{j + 1}" for i, j in sorted(plant.slopes.auto))
             reason = f"no bound could be proved for {names}; declare a smaller domain or the slopes themselves"
-            return Design(work.spec.observer.family, "none", plant.sampling, {}, reason=reason)
+            return Design(work.spec.observer.name, "none", plant.sampling, {}, reason=reason)
     return replace(work.spec.observer.synthesize(plant, work.effort), slopes=found)
 
 
@@ -180,11 +180,12 @@ def report(work: Work) -> list[Path]:
 
 def report_model(work: Work, digests: Mapping[str, str]) -> Report:
     """What there is to say of the artefacts made or read so far (a design at least)."""
-    from cdobs_cli.findings import expectations
+    from cdobs_cli.findings import decided
     from cdobs_cli.report.model import build_report
 
     assert work.design is not None
-    told = [(str(outcome.expectation), outcome.holds, outcome.text) for outcome in expectations(work, documents(work), frozenset(STAGES))]
+    results = [result for _, result in decided(work.spec, documents(work), frozenset(STAGES))]
+    told = [(result.expectation.text, result.holds, result.text) for result in results if not result.expectation.implicit]
     return build_report(
         name=work.store.folder.name, title=work.spec.title, spec_path=str(work.spec.source_path), plant=work.plant(work.design),
         family=work.spec.observer, design=work.design, check=work.check, run=work.run, expectations=told, digests=digests,

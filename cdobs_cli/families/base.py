@@ -35,6 +35,11 @@ class Family(BaseModel, ABC):
     source: ClassVar[str]
     example: ClassVar[str]
 
+    @property
+    def name(self) -> str:
+        """The word behind `family:`."""
+        return str(type(self).model_fields["family"].default)
+
     def problems(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:
         """What `validate` can see without linear algebra: a structure the family does not take, shapes of a
         given gain, options that contradict one another. Fields are paths from the top of the spec."""

@@ -59,10 +59,10 @@ class IndexEntry:
     seconds: float | None = None
 
     @staticmethod
-    def of(report: Report, folder: str, *, seconds: float | None = None) -> IndexEntry:
-        """The entry of a report whose files stand in `folder`, relative to the page."""
+    def of(report: Report, folder: str, pictures: Sequence[str], *, seconds: float | None = None) -> IndexEntry:
+        """The entry of a report whose files stand in `folder`, relative to the page; `pictures` are the names
+        of the figures that are there."""
         named = report.headline_bound
-        pictures = [chart.name for chart in report.charts]
         figure = next((name for name in ("error", "states", *pictures) if name in pictures), None)
         failed = [f"expected {what}; found {found}" for what, holds, found in report.expectations if not holds]
         return IndexEntry(

@@ -100,7 +100,7 @@ def test_a_report_without_check_or_run_says_so() -> None:
 def test_the_index() -> None:
     report = make_report(check=make_check())
     entries = [
-        IndexEntry.of(report, "a b"),
+        IndexEntry.of(report, "a b", ("error", "states")),
         IndexEntry("bad", HOSTILE, "invalid", message="plant.A: <b>not</b> square"),
         IndexEntry("zoh", "LPV", "refuted", "lpv_zoh", "period_max", Bound("0.18", "inf", "s"), "zoh/report.html", None, True),
     ]
