@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.outcome import Message
-from cdobs_cli.spec.expect import ExpectationResult, evaluate
+from cdobs_cli.spec.expect import Outcome, evaluate
 
 if TYPE_CHECKING:
     from cdobs_cli.spec.model import Spec
@@ -17,25 +17,19 @@ Field = tuple[str | int, ...]
 ARTEFACT_OF = {"synthesize": "design", "check": "check", "simulate": "simulation"}
 
 
-def decided(spec: Spec, documents: Documents, stages: frozenset[str]) -> Iterator[tuple[Field, ExpectationResult]]:
-    """Every `expect` entry whose artefact belongs to one of `stages`, with its field."""
+def decided(spec: Spec, documents: Documents, stages: frozenset[str]) -> list[Outcome]:
+    """Every `expect` entry whose artefact belongs to one of `stages`."""
     wanted = {ARTEFACT_OF[stage] for stage in stages if stage in ARTEFACT_OF}
-    for number, expectation in enumerate(spec.expect):
-        root = expectation.quantity.partition(".")[0]
-        if (root if root in ("design", "simulation") else "check") in wanted:
-            yield ("expect", number), evaluate(expectation, documents)
+    return [evaluate(expectation, documents) for expectation in spec.expect if expectation.artefact in wanted]
 
 
 def find(spec: Spec, documents: Documents, stages: frozenset[str]) -> list[Message]:
     """All findings of the stages that ran, each at its place in the spec."""
-    messages: list[Message] = []
-    named: set[str] = set()
-    for field, result in decided(spec, documents, stages):
-        named.add(result.expectation.quantity)
-        if result.expectation.implicit:
-            messages += _unproved(spec, documents["check"]) if not result.holds else []
-        elif not result.holds:
-            messages.append(_message(spec, result.text, field, "expect"))
+    outcomes = decided(spec, documents, stages)
+    messages = [_message(spec, outcome.text, outcome.expectation.field, "expect") for outcome in outcomes if not outcome.holds]
+    named = {expectation.quantity.removeprefix("check.") for expectation in spec.expect}
+    if "check" in stages and "verdict" not in named:
+        messages += _unproved(spec, documents["check"])
     if stages == {"synthesize"}:
         messages += _without_design(spec, documents["design"], named)
     if "simulate" in stages:

@@ -184,8 +184,7 @@ def report_model(work: Work, digests: Mapping[str, str]) -> Report:
     from cdobs_cli.report.model import build_report
 
     assert work.design is not None
-    results = [result for _, result in decided(work.spec, documents(work), frozenset(STAGES))]
-    told = [(result.expectation.text, result.holds, result.text) for result in results if not result.expectation.implicit]
+    told = [(str(outcome.expectation), outcome.holds, outcome.text) for outcome in decided(work.spec, documents(work), frozenset(STAGES))]
     return build_report(
         name=work.store.folder.name, title=work.spec.title, spec_path=str(work.spec.source_path), plant=work.plant(work.design),
         family=work.spec.observer, design=work.design, check=work.check, run=work.run, expectations=told, digests=digests,
