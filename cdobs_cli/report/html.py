@@ -75,15 +75,8 @@ def _cell(cell: Cell, column: str) -> str:
             kind = ' class="name"' if len(text) <= 40 else ""
             return f"<td{label}{kind}><code>{escape(text)}</code></td>"
         case _:
-            kind = (
-                ' class="none"'
-                if cell == NOTHING
-                else ' class="number"'
-                if _NUMBER.fullmatch(cell)
-                else ' class="long"'
-                if len(cell) > 60
-                else ""
-            )
+            name = "none" if cell == NOTHING else "number" if _NUMBER.fullmatch(cell) else "long" if len(cell) > 60 else ""
+            kind = f' class="{name}"' if name else ""
             return f"<td{label}{kind}>{escape(cell)}</td>"
 
 
