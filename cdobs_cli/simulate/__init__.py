@@ -1,0 +1,1 @@
+"""Plant and observer run together: flow, jump, next sample. Knows no family."""

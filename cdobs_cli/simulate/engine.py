@@ -1,0 +1,209 @@
+"""Flow, jump, next sample. Every flow starts at a sampling instant and ends at the next one.
+
+xdot = f(t, x),  t_k <= t < t_(k+1);    y_k = C x(t_k) + v_k;    x+ = g(x-, y_k)
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cdobs_cli.errors import Problem, SpecError
+from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.hybrid import HybridSystem
+from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.run import Run, SimulationPlan
+from cdobs_cli.simulate.integrator import End, ManyRuns, OneRun, Progress
+from cdobs_cli.simulate.loop import ClosedLoop
+from cdobs_cli.simulate.record import Grid, Record
+from cdobs_cli.simulate.sampling import Timetable
+from cdobs_cli.simulate.signals import Draws, Noise, Signals
+from cdobs_cli.simulate.summary import summarise
+from cdobs_cli.simulate.watch import Watch
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Integers = NDArray[np.int64]
+
+# No input may hang: a run ends with a finding after so many samples or steps, fewer where there are many runs.
+MAX_RUNS = 20_000
+MAX_SAMPLES, MAX_SAMPLES_TOGETHER = 100_000, 5_000_000
+MAX_STEPS, MAX_STEPS_TOGETHER = 200_000, 4_000_000
+
+
+def simulate(system: HybridSystem, plan: SimulationPlan, law: SamplingLaw) -> Run:
+    """Run plant and observer together over [0, horizon].
+
+    Sampling starts at t_0 = 0. The seed fixes initial states drawn from the box, aperiodic periods (uniform
+    over their law) and noise; what a run sees does not depend on the other runs. An input or disturbance
+    without a signal is 0; an initial estimate that is not given is the middle of the known box, or 0.
+
+    Raises:
+        SpecError: a signal outside its declared interval, a period outside the law, a start that needs a box
+            that is not given, more samples or runs than can be had.
+    """
+    import numpy as np
+
+    with np.errstate(all="ignore"):
+        return _Simulation(system, plan, law).run()
+
+
+class _Simulation:
+    """One call of `simulate`; all runs, each at its own time."""
+
+    def __init__(self, system: HybridSystem, plan: SimulationPlan, law: SamplingLaw) -> None:
+        import numpy as np
+
+        self.plan, self.runs, self.horizon = plan, plan.runs, float(plan.horizon)
+        _refuse_impossible(system, plan)
+        signals = Signals.of(system.plant, plan.signals, system.observer.control)
+        self.loop = ClosedLoop(system, signals)
+        self.draws = Draws(plan.seed, self.runs)
+        self.noise = Noise(signals, self.draws)
+        self.max_samples = min(MAX_SAMPLES, max(100, MAX_SAMPLES_TOGETHER // self.runs))
+        self.timetable = None
+        if system.observer.trigger is None:
+            self.timetable = Timetable(law, plan, self.draws, self.max_samples)
+        max_steps = min(MAX_STEPS, max(1000, MAX_STEPS_TOGETHER // self.runs))
+        kind = OneRun if self.runs == 1 else ManyRuns
+        self.integrator = kind(self.loop, self.horizon, max_steps)
+        self.max_steps = max_steps
+        self.watch = Watch(self.loop, self.runs)
+        self.record = Record(Grid(self.horizon, self.loop.size, len(self.loop.held), self.runs))
+        self.next = np.full(self.runs, self.horizon)
+
+    def run(self) -> Run:
+        import numpy as np
+
+        self._begin()
+        progress, watch = self.progress, self.watch
+        going, index = np.flatnonzero(~watch.halted), 0
+        while going.size:
+            ends = np.minimum(self.next[going], self.horizon)
+            codes = self.integrator.advance(going, progress, ends, self.record.grid, watch)
+            self._halt_stuck(going, codes)
+            due = going[(~watch.halted[going]) & ((codes == End.TRIGGERED) | (progress.t[going] >= self.next[going]))]
+            index += 1
+            if due.size and index >= self.max_samples:
+                self._halt(due, f"more than {self.max_samples} measurements before the horizon")
+            elif due.size:
+                self._sample(due, index)
+            going = going[~watch.halted[going] & (progress.t[going] < self.horizon)]
+        final_t = np.where(watch.halted, watch.stop_t, progress.t)
+        final_y = np.where(watch.halted, watch.stop_y, progress.y)
+        final_held = np.where(watch.halted, watch.stop_held, progress.held)
+        return summarise(self.loop, watch, self.record, final_t, final_y, final_held)
+
+    def _begin(self) -> None:
+        """Place all runs at t_0, measure there, and jump where the observer does."""
+        import numpy as np
+
+        runs, zeros = np.arange(self.runs), np.zeros(self.runs)
+        x = self._initial_states()
+        no_observer = np.zeros((self.loop.size - len(x), self.runs))
+        held = np.zeros((len(self.loop.held), self.runs))
+        measured = self.loop.measure(zeros, np.concatenate([x, no_observer]), held, self.noise.at(runs, 0, zeros))
+        box = self.plan.initial_box
+        lower, upper = (_columns(box.lower, self.runs), _columns(box.upper, self.runs)) if box else (None, None)
+        y = self.loop.start(measured, lower, upper, self._initial_estimate(), x)
+        self.progress = Progress.start(zeros.copy(), y, self.loop.hold(zeros, y, held))
+        self.watch.begin(zeros, y, self.progress.held)
+        self._jump(runs, 0, measured, jumps=self.loop.observer.jump_at_start)
+
+    def _sample(self, runs: Integers, index: int) -> None:
+        """Measure sample number `index` of the given runs, and jump."""
+        progress = self.progress
+        t, y, held = progress.t[runs], progress.y[:, runs], progress.held[:, runs]
+        measured = self.loop.measure(t, y, held, self.noise.at(runs, index, t))
+        self._jump(runs, index, measured, jumps=True)
+
+    def _jump(self, runs: Integers, index: int, measured: Array, *, jumps: bool) -> None:
+        """x+ = g(x-, y_k), then what is held, then the next sampling instant."""
+        progress = self.progress
+        t, y, held = progress.t[runs], progress.y[:, runs], progress.held[:, runs]
+        elapsed = t - held[-1]
+        after = self.loop.jump(t, y, held, measured) if jumps else y
+        held_after = self.loop.hold(t, after, held)
+        self.record.measured.append((runs, t, measured))
+        self.record.sides.add(index, runs, t, y, held, after, held_after)
+        progress.y[:, runs], progress.held[:, runs] = after, held_after
+        self.watch(runs, t, after, held_after)
+        if self.timetable is not None:
+            self.next[runs] = self.timetable.after(runs, index, t)
+            return
+        self.next[runs] = float("inf")
+        going = ~self.watch.halted[runs]
+        # 1e-12 of the horizon is below what an instant can be told apart by: instants that close accumulate.
+        crowded = going & (elapsed < 1e-12 * self.horizon) & (index > 0)
+        self._halt(runs[crowded], "sampling instants accumulate: the observer asks for samples faster than time can be resolved")
+        unready = going & ~crowded & ~(self.loop.trigger(t, after, held_after) < 0)
+        self._halt(runs[unready], "the trigger is not below 0 just after a sample, so that no next sample is defined")
+
+    def _halt_stuck(self, runs: Integers, codes: Integers) -> None:
+        """Turn an integrator that cannot go on into a sentence."""
+        import numpy as np
+
+        self._halt(runs[codes == End.EXHAUSTED], f"more than {self.max_steps} integration steps: the flow is too fast for this horizon")
+        for run in runs[codes == End.SINGULAR]:
+            largest = float(np.max(np.abs(self.progress.y[:, run])))
+            if not largest <= 1e6 * (1.0 + float(np.max(np.abs(self.record.sides.entries[0][5][:, run])))):
+                self._halt(np.array([run]), "the states grow without bound in finite time", diverged=True)
+            else:
+                self._halt(np.array([run]), "the equations are undefined or singular beyond this point", diverged=False)
+
+    def _halt(self, runs: Integers, sentence: str, *, diverged: bool = False) -> None:
+        progress = self.progress
+        for run in runs:
+            self.watch.halt(
+                int(run), float(progress.t[run]), progress.y[:, run], progress.held[:, run], sentence, diverged=diverged
+            )  # fmt: skip
+
+    def _initial_states(self) -> Array:
+        """x(0), shape (n, R): typed, or drawn uniformly from the box."""
+        import numpy as np
+
+        if self.plan.initial_state is not None:
+            return _columns(self.plan.initial_state, self.runs)
+        assert self.plan.initial_box is not None
+        lower, upper = _columns(self.plan.initial_box.lower, self.runs), _columns(self.plan.initial_box.upper, self.runs)
+        runs = np.arange(self.runs)
+        shares = np.array([self.draws.at("initial", "uniform", i, runs, 0) for i in range(len(lower))])
+        x: Array = lower + (upper - lower) * shares
+        return x
+
+    def _initial_estimate(self) -> Array:
+        import numpy as np
+
+        if self.plan.initial_estimate is not None:
+            return _columns(self.plan.initial_estimate, self.runs)
+        box = self.plan.initial_box
+        if box is not None:
+            return (_columns(box.lower, self.runs) + _columns(box.upper, self.runs)) / 2
+        return np.zeros((self.loop.plant.n, self.runs))
+
+
+def _columns(values: tuple[Exact, ...], runs: int) -> Array:
+    """The same vector for every run, shape (n, R)."""
+    import numpy as np
+
+    return np.repeat(np.array([[float(value)] for value in values]), runs, axis=1)
+
+
+def _refuse_impossible(system: HybridSystem, plan: SimulationPlan) -> None:
+    """Raises: SpecError for what no simulation can be started from."""
+    problems = []
+    if not float(plan.horizon) > 0:
+        problems.append(Problem(("simulation", "horizon"), "a horizon above 0 is expected", str(plan.horizon)))
+    if not 1 <= plan.runs <= MAX_RUNS:
+        problems.append(Problem(("simulation", "runs"), "a number of runs that cannot be simulated", str(plan.runs), f"1 to {MAX_RUNS}"))
+    if plan.initial_state is None and plan.initial_box is None:
+        problems.append(Problem(("simulation",), "an initial state is missing", allowed="initial_state, or initial_box"))
+    needed = {name for row in system.observer.start for name in row.variables}
+    if plan.initial_box is None and any(name.startswith(("lower.", "upper.")) for name in needed):
+        problems.append(Problem(("simulation", "initial_box"), "this observer starts from a known box of x(0)", "none", "initial_box"))
+    if plan.sampling_times is not None and system.observer.trigger is not None:
+        problems.append(Problem(("simulation", "sampling_times"), "this observer chooses its sampling instants", str(plan.sampling_times)))
+    if problems:
+        raise SpecError(tuple(problems))

@@ -1,0 +1,280 @@
+"""Flow from one sample to the next: never across it, with error control and output on a grid.
+
+`OneRun` works on floats, `ManyRuns` on arrays in which every run has its own time and step. Both end a run's
+flow exactly at the time asked for, or at the first root of the trigger, whichever is first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from cdobs_cli.simulate.dormand_prince import (
+    ATOL,
+    RTOL,
+    SMALLEST_SHARE,
+    array_step,
+    dense_output,
+    interpolate,
+    next_step,
+    scalar_step,
+)  # fmt: skip
+from cdobs_cli.simulate.loop import ClosedLoop
+from cdobs_cli.simulate.trigger import first_root, polished
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from cdobs_cli.simulate.record import Grid
+
+    Array = NDArray[np.float64]
+    Integers = NDArray[np.int64]
+
+_FLUSH = 256  # steps of a single run between two looks at divergence and stops
+
+
+class End(IntEnum):
+    """Why the flow of a run ended."""
+
+    REACHED = 0
+    TRIGGERED = 1
+    HALTED = 2  # the watch found a reason
+    SINGULAR = 3  # no step, however small, is accurate: the flow is undefined or unbounded there
+    EXHAUSTED = 4  # more steps than one run may take
+
+
+@dataclass
+class Progress:
+    """Where the runs stand, each entry one run; the integrators write into it.
+
+    t, h (R,): time and the step size to try next (0: unknown); y, largest (n, R): state and the size it has
+    reached; held (c, R); steps (R,): steps tried so far.
+    """
+
+    t: Array
+    y: Array
+    held: Array
+    h: Array
+    largest: Array
+    steps: Integers
+
+    @staticmethod
+    def start(t: Array, y: Array, held: Array) -> Progress:
+        import numpy as np
+
+        return Progress(t, y, held, np.zeros(len(t)), np.zeros_like(y), np.zeros(len(t), dtype=np.int64))
+
+    def floor(self, runs: Integers) -> Array:
+        """The absolute part of the error weights; `largest` is brought up to date first."""
+        import numpy as np
+
+        self.largest[:, runs] = largest = np.maximum(self.largest[:, runs], np.abs(self.y[:, runs]))
+        floor: Array = ATOL * np.maximum(largest, SMALLEST_SHARE * largest.max(axis=0)) + 1e-300
+        return floor
+
+
+# What the engine wants to see of the steps: run, time, state, what is held; returns which runs must halt.
+Watch = Callable[[Any, Any, Any, Any], Any]
+
+
+class OneRun:
+    """The flow of a single run, on floats."""
+
+    def __init__(self, loop: ClosedLoop, horizon: float, max_steps: int) -> None:
+        self.loop, self.horizon, self.max_steps = loop, horizon, max_steps
+        self._flow = loop.scalar_flow()
+        self._step = scalar_step(self._flow, loop.size)
+
+    def advance(self, runs: Integers, progress: Progress, ends: Array, grid: Grid, watch: Watch) -> Integers:
+        """Flow the run to its end; returns the End code, shape (1,)."""
+        import numpy as np
+
+        t, h, end = float(progress.t[0]), float(progress.h[0]), float(ends[0])
+        y, held = tuple(progress.y[:, 0].tolist()), tuple(progress.held[:, 0].tolist())
+        floor, steps = tuple(progress.floor(runs)[:, 0].tolist()), int(progress.steps[0])
+        triggered, smallest = self.loop.observer.trigger is not None, 1e-15 * self.horizon
+        seen_t: list[float] = []
+        seen_y: list[tuple[float, ...]] = []
+        code = End.REACHED
+
+        def look() -> bool:
+            points = len(seen_t)
+            if not points:
+                return False
+            halted = watch(
+                np.zeros(points, dtype=np.int64), np.array(seen_t), np.array(seen_y).T, np.tile(progress.held, (1, points))
+            )  # fmt: skip
+            seen_t.clear()
+            seen_y.clear()
+            return bool(halted[0])
+
+        k = self._slope(t, y, held)
+        if h <= 0 and k is not None:
+            h = _first_step(np.array(y), np.array(k), np.array(floor), self.horizon)
+        while t < end:
+            if k is None or steps >= self.max_steps:
+                code = End.SINGULAR if k is None else End.EXHAUSTED
+                break
+            left = end - t
+            tried = left if h >= left else (left / 2 if 2 * h > left else h)
+            new, last, error, slopes = self._try(t, tried, y, k, held, floor)
+            steps += 1
+            if not error <= 1.0:
+                h = tried * min(0.9, next_step(error))
+                if h < smallest + 4e-16 * t:
+                    code = End.SINGULAR
+                    break
+                continue
+            suggested = max(h, tried * next_step(error)) if tried < h else tried * next_step(error)
+            until = end if tried == left else t + tried
+            if triggered or grid.next_time(0) <= until:
+                coefficients = self._dense(t, tried, y, new, slopes, held)
+                before = np.array(y)
+                if triggered:
+                    theta = first_root(self.loop.trigger, coefficients[:, :, None], before[:, None], t, tried, progress.held)[0]
+                    if theta <= 1.0:
+                        part, new = polished(
+                            self.loop.trigger, partial(self._part, t, y, k, held, floor),
+                            coefficients[:, :, None], before[:, None], np.array([t]), np.array([tried]), np.array([theta]), progress.held,
+                        )  # fmt: skip
+                        until, new, code = t + float(part[0]), tuple(new[:, 0].tolist()), End.TRIGGERED
+                points, places = grid.take(0, until)
+                if len(points):
+                    states = interpolate(coefficients[:, :, None], before[:, None], (points - t) / tried)
+                    grid.put(0, places, states, progress.held)
+            h, t, y, k = suggested, until, new, last
+            seen_t.append(t)
+            seen_y.append(y)
+            if code is End.TRIGGERED:
+                break
+            if len(seen_t) >= _FLUSH and look():
+                code = End.HALTED
+                break
+        if look():
+            code = End.HALTED
+        progress.t[0], progress.h[0], progress.y[:, 0], progress.steps[0] = t, h, y, steps
+        return np.array([code])
+
+    def _slope(self, t: float, y: tuple[float, ...], held: tuple[float, ...]) -> tuple[float, ...] | None:
+        try:
+            k = self._flow(t, *y, *held)
+        except (ArithmeticError, ValueError):
+            return None
+        # A negative number to a fractional power is complex in Python: undefined here.
+        return None if any(isinstance(value, complex) or value - value != 0.0 for value in k) else k
+
+    def _try(self, t: float, h: float, y: Any, k: Any, held: Any, floor: Any) -> tuple[Any, Any, float, Any]:
+        try:
+            return self._step(t, h, y, k, held, floor)  # type: ignore[no-any-return]
+        except (ArithmeticError, ValueError, TypeError):
+            return y, k, float("nan"), ()
+
+    def _part(self, t: float, y: Any, k: Any, held: Any, floor: Any, s: Array) -> Array:
+        import numpy as np
+
+        return np.array(self._try(t, float(s[0]), y, k, held, floor)[0])[:, None]
+
+    def _dense(self, t: float, h: float, y: Any, new: Any, slopes: Any, held: Any) -> Array:
+        import numpy as np
+
+        def slope(time: float, state: Array) -> Array:
+            k = self._slope(time, tuple(state.tolist()), held)
+            return np.full(len(state), np.nan) if k is None else np.array(k)
+
+        return dense_output(slope, t, h, np.array(y), np.array(new), np.array(slopes))
+
+
+class ManyRuns:
+    """The flow of many runs at once, each with its own time, step and end."""
+
+    def __init__(self, loop: ClosedLoop, horizon: float, max_steps: int) -> None:
+        self.loop, self.horizon, self.max_steps = loop, horizon, max_steps
+        self._slope = loop.array_flow()
+
+    def advance(self, runs: Integers, progress: Progress, ends: Array, grid: Grid, watch: Watch) -> Integers:
+        """Flow the given runs to their ends (len(runs),); returns an End code for each."""
+        import numpy as np
+
+        codes = np.full(len(runs), int(End.REACHED))
+        triggered = self.loop.observer.trigger is not None
+        smallest = 1e-15 * self.horizon
+        floor = progress.floor(runs)
+        k = self._slope(progress.t[runs], progress.y[:, runs], progress.held[:, runs])
+        fresh = np.flatnonzero(progress.h[runs] <= 0)
+        for i in fresh:
+            progress.h[runs[i]] = _first_step(progress.y[:, runs[i]], k[:, i], floor[:, i], self.horizon)
+        codes[~np.isfinite(k).all(axis=0)] = End.SINGULAR
+        live = np.flatnonzero((codes == End.REACHED) & (progress.t[runs] < ends))
+        while live.size:
+            ids = runs[live]
+            t, y, h, held = progress.t[ids], progress.y[:, ids], progress.h[ids], progress.held[:, ids]
+            left = ends[live] - t
+            tried = np.where(h >= left, left, np.where(2 * h > left, left / 2, h))
+            new, last, error, slopes = array_step(self._slope, t, tried, y, k[:, live], held, floor[:, live])
+            progress.steps[ids] += 1
+            good = error <= 1.0
+            factor = _next_steps(error)
+            progress.h[ids] = np.where(
+                good, np.where(tried < h, np.maximum(h, tried * factor), tried * factor), tried * np.minimum(0.9, factor)
+            )
+            done = np.zeros(live.size, dtype=bool)
+            singular = ~good & (progress.h[ids] < smallest + 4e-16 * t)
+            codes[live[singular]] = End.SINGULAR
+            until = np.where(tried == left, ends[live], t + tried)
+            w = np.flatnonzero(good)
+            if w.size and (triggered or grid.any_due(ids[w], until[w])):
+
+                def slope(time: Any, state: Array, kept: Array = held[:, w]) -> Array:
+                    return self._slope(time, state, kept)
+
+                coefficients = dense_output(
+                    slope, t[w], tried[w], y[:, w], new[:, w], slopes[:, :, w]
+                )  # fmt: skip
+                if triggered:
+                    theta = first_root(self.loop.trigger, coefficients, y[:, w], t[w], tried[w], held[:, w])
+                    hit = np.flatnonzero(theta <= 1.0)
+                    if hit.size:
+                        at = w[hit]
+                        part_of = partial(self._part, t[at], y[:, at], k[:, live[at]], held[:, at], floor[:, live[at]])
+                        part, state = polished(
+                            self.loop.trigger, part_of, coefficients[:, :, hit],
+                            y[:, at], t[at], tried[at], theta[hit], held[:, at],
+                        )  # fmt: skip
+                        until[at], new[:, at] = t[at] + part, state
+                        codes[live[at]], done[at] = End.TRIGGERED, True
+                grid.fill(ids[w], until[w], t[w], tried[w], coefficients, y[:, w], held[:, w])
+            moved = ids[w]
+            progress.t[moved], progress.y[:, moved], k[:, live[w]] = until[w], new[:, w], last[:, w]
+            halted = watch(moved, until[w], new[:, w], held[:, w])[ids] if w.size else np.zeros(live.size, dtype=bool)
+            codes[live[halted]] = End.HALTED
+            exhausted = ~halted & ~done & ~singular & (progress.steps[ids] >= self.max_steps) & (progress.t[ids] < ends[live])
+            codes[live[exhausted]] = End.EXHAUSTED
+            live = live[~(halted | done | singular | exhausted) & (progress.t[ids] < ends[live])]
+        return codes
+
+    def _part(self, t: Array, y: Array, k: Array, held: Array, floor: Array, s: Array) -> Array:
+        return array_step(self._slope, t, s, y, k, held, floor)[0]
+
+
+def _next_steps(error: Array) -> Array:
+    """`next_step` over an array."""
+    import numpy as np
+
+    with np.errstate(divide="ignore"):
+        factor = np.clip(0.9 * np.abs(error) ** (-1 / 8), 0.2, 6.0)
+    return np.where(np.isfinite(error), factor, 0.2)
+
+
+def _first_step(y: Array, k: Array, floor: Array, horizon: float) -> float:
+    """A cautious first step: the state changes by about a hundredth of its size."""
+    import numpy as np
+
+    scale = floor + RTOL * np.abs(y)
+    size, rate = float(np.max(np.abs(y) / scale)), float(np.max(np.abs(k) / scale))
+    if not np.isfinite(rate) or rate == 0.0:
+        return 1e-3 * horizon
+    return min(1e-3 * horizon, 0.01 * size / rate) if size > 0 else 1e-6 * horizon

@@ -1,0 +1,157 @@
+"""The closed loop compiled: every expression of a hybrid system as a function of numbers.
+
+Every function takes (t, y, held): the time, all states (the plant's, then the observer's), and what is held
+between samples: the controlled inputs and `t.k`, the time of the last sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from cdobs_cli.exact.compiled import compile_floats
+from cdobs_cli.exact.expression import Expression, Variable
+from cdobs_cli.hybrid import HybridSystem
+from cdobs_cli.simulate.signals import Signals
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+LAST_SAMPLE = "t.k"
+
+
+@dataclass(frozen=True)
+class View:
+    """What can be seen of the loop at points (P,): x (n, P); estimates by name (n, P); internals, inputs
+    and other signals by name (P,); stops (s, P); where (w, P)."""
+
+    x: Array
+    estimates: Mapping[str, Array]
+    internals: Mapping[str, Array]
+    signals: Mapping[str, Array]
+    stops: Array
+    where: Array
+
+    @property
+    def error(self) -> Array | None:
+        """Of x_hat, or of the middle of [x_lower, x_upper], shape (n, P); None where neither is reported."""
+        if "x_hat" in self.estimates:
+            return self.estimates["x_hat"] - self.x
+        if self.encloses:
+            return (self.estimates["x_lower"] + self.estimates["x_upper"]) / 2 - self.x
+        return None
+
+    @property
+    def encloses(self) -> bool:
+        return "x_lower" in self.estimates and "x_upper" in self.estimates
+
+    @property
+    def margin(self) -> Array:
+        """min over the states of min(x - x_lower, x_upper - x), shape (P,); nan comes out as -inf."""
+        import numpy as np
+
+        inside = np.minimum(self.x - self.estimates["x_lower"], self.estimates["x_upper"] - self.x).min(axis=0)
+        return np.where(np.isnan(inside), -np.inf, inside)
+
+
+class ClosedLoop:
+    """A hybrid system with its signals put in."""
+
+    def __init__(self, system: HybridSystem, signals: Signals) -> None:
+        self.system, self.signals = system, signals
+        self.plant, self.observer = system.plant, system.observer
+        self.controls = tuple(self.observer.control)
+        self.held = (*self.controls, LAST_SAMPLE)
+        self.names = ("t", *system.states, *self.held)
+        self.size = len(system.states)
+        self._signal_values = {**signals.continuous, "elapsed": Variable("t") - Variable(LAST_SAMPLE)}
+        self.flow = tuple(self._closed(row) for row in system.flow)
+        noise = tuple(signals.noise)
+        outputs = tuple(f"y.{k}" for k in range(self.plant.p))
+        self._measure = self._arrays(system.measurement, noise)
+        self._jump = self._arrays(system.jump, outputs)
+        self._control = self._arrays(tuple(self.observer.control.values()))
+        seen = [*(row for rows in self.observer.estimates.values() for row in rows), *self.observer.internals.values()]
+        seen += [*(Variable(name) for name in self.controls), *signals.continuous.values()]
+        seen += [*(expression for expression, _ in self.observer.stops), *self.plant.domain.where]
+        self._see = self._arrays(tuple(seen))
+        self._trigger = None if self.observer.trigger is None else self._arrays((self.observer.trigger,))
+
+    def _closed(self, expression: Expression) -> Expression:
+        return expression.substitute(self._signal_values)
+
+    def _arrays(self, expressions: tuple[Expression, ...], further: tuple[str, ...] = ()) -> Callable[..., tuple[Any, ...]]:
+        return compile_floats([self._closed(row) for row in expressions], (*self.names, *further), arrays=True)
+
+    def scalar_flow(self) -> Callable[..., tuple[float, ...]]:
+        """f(t, *y, *held) over floats."""
+        return compile_floats(self.flow, self.names, arrays=False)
+
+    def array_flow(self) -> Callable[[Array, Array, Array], Array]:
+        """f(t (R,), y (n, R), held (c, R)) -> (n, R)."""
+        values = compile_floats(self.flow, self.names, arrays=True)
+
+        def slope(t: Array, y: Array, held: Array) -> Array:
+            return stacked(values(t, *y, *held), y.shape[1])
+
+        return slope
+
+    def start(self, y: Array, lower: Array | None, upper: Array | None, estimate: Array, x: Array) -> Array:
+        """All states at t = 0, shape (size, R), from the first measurement (p, R), the known box of x(0)
+        and the initial estimate (n, R)."""
+        import numpy as np
+
+        values = {f"initial.{name}": row for name, row in zip(self.plant.states, estimate, strict=True)}
+        if lower is not None and upper is not None:
+            values |= {f"lower.{name}": row for name, row in zip(self.plant.states, lower, strict=True)}
+            values |= {f"upper.{name}": row for name, row in zip(self.plant.states, upper, strict=True)}
+        values |= {f"y.{k}": row for k, row in enumerate(y)} | {"t": np.zeros(x.shape[1]), LAST_SAMPLE: np.zeros(x.shape[1])}
+        compiled = compile_floats([self._closed(row) for row in self.observer.start], tuple(values), arrays=True)
+        return np.concatenate([x, stacked(compiled(*values.values()), x.shape[1])])
+
+    def measure(self, t: Array, y: Array, held: Array, noise: Array) -> Array:
+        return stacked(self._measure(t, *y, *held, *noise), len(t))
+
+    def jump(self, t: Array, y: Array, held: Array, measured: Array) -> Array:
+        return stacked(self._jump(t, *y, *held, *measured), len(t))
+
+    def hold(self, t: Array, y: Array, held: Array) -> Array:
+        """What is held from a sample at t on: the controlled inputs, evaluated after the jump, and t itself."""
+        import numpy as np
+
+        since = np.concatenate([held[:-1], t[None]])
+        return np.concatenate([stacked(self._control(t, *y, *since), len(t)), t[None]])
+
+    def trigger(self, t: Array, y: Array, held: Array) -> Array:
+        """The trigger's value, shape (P,)."""
+        assert self._trigger is not None
+        value: Array = stacked(self._trigger(t, *y, *held), len(t))[0]
+        return value
+
+    def see(self, t: Array, y: Array, held: Array) -> View:
+        values = list(stacked(self._see(t, *y, *held), len(t)))
+
+        def take(count: int) -> Array:
+            import numpy as np
+
+            taken = [values.pop(0) for _ in range(count)]
+            return np.array(taken).reshape(count, len(t))
+
+        estimates = {name: take(len(rows)) for name, rows in self.observer.estimates.items()}
+        internals = {name: take(1)[0] for name in self.observer.internals}
+        signals = {name: take(1)[0] for name in (*self.controls, *self.signals.continuous)}
+        return View(y[: self.plant.n], estimates, internals, signals, take(len(self.observer.stops)), take(len(self.plant.domain.where)))
+
+
+def stacked(values: tuple[Any, ...], points: int) -> Array:
+    """Rows that may be plain numbers as one array (rows, points)."""
+    import numpy as np
+
+    result = np.empty((len(values), points))
+    for row, value in zip(result, values, strict=True):
+        row[:] = value
+    return result

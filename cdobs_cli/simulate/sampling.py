@@ -1,0 +1,80 @@
+"""When the next sample comes, where the observer does not choose: period, random periods, or an expression."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cdobs_cli.errors import Problem, SpecError
+from cdobs_cli.exact.compiled import compile_floats
+from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.run import SimulationPlan
+from cdobs_cli.simulate.loop import stacked
+from cdobs_cli.simulate.signals import Draws
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Integers = NDArray[np.int64]
+
+_SLACK = 1e-9  # relative, by which a typed sequence of periods may touch the ends of its law
+
+
+class Timetable:
+    """Sampling instants t_0 = 0 < t_1 < ..
+
+    periodic: t_k = k T. aperiodic: T_k drawn uniformly from (T_min, T_max] with the seed, or
+    `sampling_times` at t_k. An instant within rounding of the horizon is the horizon.
+
+    Raises:
+        SpecError: a law that needs more samples than one run may have, or a typed period outside the law.
+    """
+
+    def __init__(self, law: SamplingLaw, plan: SimulationPlan, draws: Draws, max_samples: int) -> None:
+        self.low, self.high, self.periodic = float(law.T_min), float(law.T_max), law.kind == "periodic"
+        self.horizon, self.draws = float(plan.horizon), draws
+        self._typed = None if plan.sampling_times is None else compile_floats([plan.sampling_times], ["t"], arrays=True)
+        if not self.high > 0:
+            raise SpecError((Problem(("measurement", "sampling"), "no sampling period above 0", str(law.document()), "a positive period"),))
+        samples = self.horizon / ((self.low + self.high) / 2)
+        if self._typed is None and samples > max_samples:
+            raise SpecError(
+                (
+                    Problem(
+                        ("simulation", "horizon"), "the horizon holds too many samples", f"about {samples:.3g} a run",
+                        f"{max_samples} a run", "shorten the horizon or lengthen the period",
+                    ),
+                )
+            )  # fmt: skip
+
+    def after(self, runs: Integers, index: int, t: Array) -> Array:
+        """The instants that follow sample number `index`, which was at t (len(runs),)."""
+        import numpy as np
+
+        if self._typed is not None:
+            period = stacked(self._typed(t), len(t))[0]
+            self._refuse_outside(t, period)
+            after = t + period
+        elif self.periodic:
+            after = np.full(len(t), (index + 1) * self.high)
+        else:
+            # 1 - u is in (0, 1]: a period is never 0.
+            share = 1.0 - self.draws.at("periods", "uniform", 0, runs, index)
+            after = t + self.low + (self.high - self.low) * share
+        return np.where(np.abs(after - self.horizon) <= 1e-12 * self.horizon, self.horizon, after)
+
+    def _refuse_outside(self, t: Array, period: Array) -> None:
+        import numpy as np
+
+        wrong = ~((period > 0) & (period >= self.low * (1 - _SLACK)) & (period <= self.high * (1 + _SLACK)))
+        if wrong.any():
+            first = int(np.argmax(wrong))
+            raise SpecError(
+                (
+                    Problem(
+                        ("simulation", "sampling_times"), "a period outside the sampling law",
+                        f"T_k = {period[first]:.9g} at t_k = {t[first]:.9g}", f"above 0, in [{self.low:.9g}, {self.high:.9g}]",
+                    ),
+                )
+            )  # fmt: skip

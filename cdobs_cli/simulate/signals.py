@@ -1,0 +1,209 @@
+"""Signals as expressions of t: inputs, disturbances `d.i`, and noise `v.k` drawn at samples.
+
+Each run has its own random streams, made from (seed, run, purpose): what run 7 sees does not depend on how
+many runs there are, nor on how far the others got.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from cdobs_cli.errors import Problem, SpecError
+from cdobs_cli.exact.compiled import compile_floats
+from cdobs_cli.exact.expression import ZERO, Call, Expression, Power, Variable, power
+from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.plant import Plant
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Integers = NDArray[np.int64]
+
+# Random functions of the language and the standard variable each one is made from.
+RANDOM = ("uniform", "normal")
+_PURPOSES = {"initial": 0, "periods": 1, "noise": 2}
+
+
+@dataclass(frozen=True)
+class Range:
+    """Where a signal must stay; `index` is its row among the values that are checked."""
+
+    name: str
+    lower: float
+    upper: float
+
+    @property
+    def slack(self) -> float:
+        """What rounding may add: a signal may touch its ends."""
+        ends = [abs(end) for end in (self.lower, self.upper) if abs(end) < float("inf")]
+        return 1e-9 * max(ends, default=0.0)
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Every signal of a simulation, closed: expressions of `t` (and `draw.0`, .. in noise).
+
+    Attributes:
+        continuous: inputs that no controller sets, and `d.i`.
+        noise: `v.0`, `v.1`, ..; empty where the plant declares none.
+        draws: the standard random variables that noise uses, in order of `draw.k`.
+        ranges: declared intervals of continuous signals and of noise.
+        held_ranges: declared intervals of inputs that a controller sets.
+    """
+
+    continuous: Mapping[str, Expression]
+    noise: Mapping[str, Expression]
+    draws: tuple[str, ...]
+    ranges: tuple[Range, ...]
+    held_ranges: tuple[Range, ...]
+
+    @staticmethod
+    def of(plant: Plant, typed: Mapping[str, Expression], controlled: Iterable[str]) -> Signals:
+        """A signal that is not given is 0.
+
+        Raises:
+            SpecError: a signal that nothing reads, or that is random between samples.
+        """
+        controlled = set(controlled)
+        names = [source.name for source in plant.inputs if source.name not in controlled]
+        if plant.disturbance is not None:
+            names += [f"d.{i}" for i in range(plant.n)]
+        noisy = [f"v.{k}" for k in range(plant.p)] if plant.noise is not None else []
+        problems = [
+            Problem(_field(name), "a signal that nothing reads", name, ", ".join([*names, *noisy]) or None, _why_unread(name, controlled))
+            for name in typed
+            if name not in names and name not in noisy
+        ]
+        continuous = {name: typed.get(name, ZERO) for name in names}
+        problems += [
+            Problem(_field(name), "only noise, which is drawn at samples, may be random", str(signal), "an expression of t")
+            for name, signal in continuous.items()
+            if any(isinstance(node, Call) and node.function in RANDOM for node in signal.walk())
+        ]
+        draws: list[str] = []
+        noise = {name: _with_draws(typed.get(name, ZERO), draws) for name in noisy}
+        problems += [
+            Problem(_field(name), "a signal is an expression of t", str(signal), "t")
+            for name, signal in {**continuous, **noise}.items()
+            if {variable for variable in signal.variables if not variable.startswith("draw.")} - {"t"}
+        ]
+        if problems:
+            raise SpecError(tuple(problems))
+        ranges: list[Range] = []
+        held_ranges: list[Range] = []
+        for source in plant.inputs:
+            if source.range is not None:
+                (held_ranges if source.name in controlled else ranges).append(_range(source.name, source.range.lower, source.range.upper))
+        for letter, box in (("d", plant.disturbance), ("v", plant.noise)):
+            if box is not None:
+                ranges += [_range(f"{letter}.{i}", *ends) for i, ends in enumerate(zip(box.lower, box.upper, strict=True))]
+        return Signals(continuous, noise, tuple(draws), tuple(ranges), tuple(held_ranges))
+
+    def refuse_outside(self, names: Iterable[str], t: Array, values: Mapping[str, Array]) -> None:
+        """Raises: SpecError at the first time a signal is outside its declared interval.
+
+        t (P,); values by name (P,).
+        """
+        import numpy as np
+
+        wanted = set(names)
+        for interval in self.ranges:
+            if interval.name not in wanted:
+                continue
+            value = values[interval.name]
+            inside = (value >= interval.lower - interval.slack) & (value <= interval.upper + interval.slack)
+            if not np.all(inside):
+                first = int(np.argmin(np.where(inside, np.inf, t)))
+                raise SpecError(
+                    (
+                        Problem(
+                            _field(interval.name),
+                            "the signal leaves its declared interval",
+                            f"{float(value[first]):.9g} at t = {float(t[first]):.9g}",
+                            f"[{interval.lower:.9g}, {interval.upper:.9g}]",
+                        ),
+                    )
+                )
+
+
+class Draws:
+    """Random numbers by (run, purpose), as many as each run has asked for so far."""
+
+    def __init__(self, seed: int, runs: int) -> None:
+        self.seed, self.runs = seed, runs
+        self._streams: dict[tuple[str, int], list[np.random.Generator]] = {}
+        self._tables: dict[tuple[str, int], Array] = {}
+
+    def at(self, purpose: str, kind: str, channel: int, runs: Integers, index: int) -> Array:
+        """The number `index` of each given run: uniform on [0, 1) or standard normal, shape (len(runs),)."""
+        import numpy as np
+
+        key = (purpose, channel)
+        if key not in self._streams:
+            self._streams[key] = [
+                np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(run, _PURPOSES[purpose], channel)))
+                for run in range(self.runs)
+            ]
+            self._tables[key] = np.empty((self.runs, 0))
+        while index >= self._tables[key].shape[1]:
+            count = max(8, self._tables[key].shape[1])
+            block = [stream.random(count) if kind == "uniform" else stream.standard_normal(count) for stream in self._streams[key]]
+            self._tables[key] = np.concatenate([self._tables[key], np.array(block)], axis=1)
+        numbers: Array = self._tables[key][runs, index]
+        return numbers
+
+
+class Noise:
+    """v_k at samples."""
+
+    def __init__(self, signals: Signals, draws: Draws) -> None:
+        self.signals, self.draws = signals, draws
+        names = ["t", *(f"draw.{k}" for k in range(len(signals.draws)))]
+        self._values = compile_floats(list(signals.noise.values()), names, arrays=True)
+
+    def at(self, runs: Integers, index: int, t: Array) -> Array:
+        """Noise of sample number `index` of each given run, at its time: shape (p, len(runs)), or (0, ..)."""
+        import numpy as np
+
+        drawn = [self.draws.at("noise", kind, channel, runs, index) for channel, kind in enumerate(self.signals.draws)]
+        values = [np.broadcast_to(value, t.shape) for value in self._values(t, *drawn)]
+        self.signals.refuse_outside(self.signals.noise, t, dict(zip(self.signals.noise, values, strict=True)))
+        return np.array(values).reshape(len(values), len(t))
+
+
+def _with_draws(node: Expression, draws: list[str]) -> Expression:
+    """uniform(lo, hi) -> lo + (hi - lo) draw, normal(sigma) -> sigma draw; every occurrence is a draw of its own."""
+    if not any(isinstance(part, Call) and part.function in RANDOM for part in node.walk()):
+        return node
+    if isinstance(node, Call) and node.function in RANDOM:
+        draw = Variable(f"draw.{len(draws)}")
+        draws.append(node.function)
+        arguments = [_with_draws(child, draws) for child in node.children]
+        if node.function == "normal":
+            return arguments[0] * draw
+        return arguments[0] + (arguments[1] - arguments[0]) * draw
+    if isinstance(node, Call):
+        return Call(node.function, tuple(_with_draws(child, draws) for child in node.children))
+    assert isinstance(node, Power)
+    return power(_with_draws(node.base, draws), node.exponent)
+
+
+def _range(name: str, lower: Exact | None, upper: Exact | None) -> Range:
+    return Range(name, float("-inf") if lower is None else float(lower), float("inf") if upper is None else float(upper))
+
+
+def _field(name: str) -> tuple[str | int, ...]:
+    letter, _, index = name.partition(".")
+    return ("simulation", "signals", letter, int(index)) if index.isdigit() else ("simulation", "signals", name)
+
+
+def _why_unread(name: str, controlled: set[str]) -> str | None:
+    if name in controlled:
+        return "this input is set by the observer's controller"
+    if name.startswith("d."):
+        return "declare plant.disturbance"
+    return "declare measurement.noise" if name.startswith("v.") else None

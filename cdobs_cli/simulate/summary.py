@@ -1,0 +1,84 @@
+"""From what was recorded to trajectories and their figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from cdobs_cli.run import Run, RunSummary, Trajectory
+from cdobs_cli.simulate.loop import ClosedLoop, View
+from cdobs_cli.simulate.record import Record
+from cdobs_cli.simulate.watch import Watch, outside_domain
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+
+def summarise(loop: ClosedLoop, watch: Watch, record: Record, final_t: Array, final_y: Array, final_held: Array) -> Run:
+    """Trajectories with estimates, and their figures; final_t (R,), final_y (n, R), final_held (c, R)."""
+    trajectories, summaries = [], []
+    points, measurements = record.points(final_t, final_y, final_held), record.measurements(len(final_t))
+    for run, ((t, y, held), (t_k, y_k)) in enumerate(zip(points, measurements, strict=True)):
+        seen = loop.see(t, y, held)
+        loop.signals.refuse_outside(seen.signals, t, seen.signals)
+        inputs = {source.name: seen.signals[source.name] for source in loop.plant.inputs}
+        inputs |= {name: seen.signals[name] for name in loop.signals.continuous if name not in inputs}
+        trajectory = Trajectory(
+            t, seen.x.T, {name: rows.T for name, rows in seen.estimates.items()}, dict(seen.internals), t_k, y_k, inputs, watch.stopped[run]
+        )  # fmt: skip
+        trajectories.append(trajectory)
+        margin = min(float(watch.margin[run]), float(seen.margin.min())) if seen.encloses else None
+        left_domain = bool(watch.left_domain[run]) or bool(outside_domain(loop.plant, seen).any())
+        summaries.append(_summary(loop.plant.states, trajectory, seen, margin, diverged=bool(watch.diverged[run]), left_domain=left_domain))
+    return Run(tuple(trajectories), tuple(summaries), overall(summaries))
+
+
+def _summary(
+    states: Sequence[str], trajectory: Trajectory, seen: View, margin: float | None, *, diverged: bool, left_domain: bool
+) -> RunSummary:
+    """The figures of one run. Periods are between its measurements, the one at t_0 included; rmse is the
+    root of the time average of the squared error (trapezoids over the output grid)."""
+    import numpy as np
+
+    periods = np.diff(trajectory.t_k)
+    error, rmse, final = seen.error, {}, None
+    if error is not None:
+        final = float(np.sqrt((error[:, -1] ** 2).sum()))
+        rmse = {name: _root_mean_square(trajectory.t, row) for name, row in zip(states, error, strict=True)}
+    return RunSummary(
+        len(trajectory.t_k), float(periods.min()) if periods.size else None, float(periods.max()) if periods.size else None,
+        final, rmse, margin, diverged, left_domain, trajectory.stopped,
+    )  # fmt: skip
+
+
+def _root_mean_square(t: Array, values: Array) -> float:
+    import numpy as np
+
+    length = float(t[-1] - t[0])
+    return float(np.sqrt(np.trapezoid(values * values, t) / length)) if length > 0 else float(abs(values[-1]))
+
+
+def overall(summaries: Sequence[RunSummary]) -> RunSummary:
+    """All runs as one: measurements added up; the shortest and longest period, the largest final error and the
+    smallest margin of any run; rmse the quadratic mean over runs; flags set where any run sets them."""
+    if len(summaries) == 1:
+        return summaries[0]
+    rmse: Mapping[str, float] = {
+        name: (sum(summary.rmse[name] ** 2 for summary in summaries) / len(summaries)) ** 0.5 for name in summaries[0].rmse
+    }
+    stops = [f"run {index + 1}: {summary.stopped}" for index, summary in enumerate(summaries) if summary.stopped]
+    stopped = None if not stops else stops[0] if len(stops) == 1 else f"{stops[0]}; and {len(stops) - 1} more"
+    return RunSummary(
+        sum(summary.measurements for summary in summaries),
+        min((summary.period_min for summary in summaries if summary.period_min is not None), default=None),
+        max((summary.period_max for summary in summaries if summary.period_max is not None), default=None),
+        max((summary.error_final for summary in summaries if summary.error_final is not None), default=None),
+        rmse,
+        min((summary.inclusion_margin for summary in summaries if summary.inclusion_margin is not None), default=None),
+        any(summary.diverged for summary in summaries),
+        any(summary.left_domain for summary in summaries),
+        stopped,
+    )

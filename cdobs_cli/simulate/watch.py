@@ -1,0 +1,110 @@
+"""What ends a run early, and what is noted along the way: divergence, stops, the domain, enclosure."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cdobs_cli.plant import Plant
+from cdobs_cli.simulate.loop import ClosedLoop, View
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Integers = NDArray[np.int64]
+
+DIVERGED = 1e6  # times 1 + |e0|
+
+
+class Watch:
+    """Looks at every accepted step and both sides of every jump.
+
+    halted, diverged, left_domain, margin, stop_t: (R,); stopped: one sentence a run, or None; stop_y, stop_held:
+    the state where a run was stopped.
+    """
+
+    def __init__(self, loop: ClosedLoop, runs: int) -> None:
+        import numpy as np
+
+        self.loop = loop
+        self.halted, self.diverged, self.left_domain = (np.zeros(runs, dtype=bool) for _ in range(3))
+        self.margin, self.stop_t, self.limit = np.full(runs, np.inf), np.full(runs, np.inf), np.full(runs, np.inf)
+        self.stopped: list[str | None] = [None] * runs
+        self.stop_y, self.stop_held = np.zeros((loop.size, runs)), np.zeros((len(loop.held), runs))
+
+    def begin(self, t: Array, y: Array, held: Array) -> None:
+        """Fix the limit of the error from where all runs start."""
+        error = _distance(self.loop.see(t, y, held))
+        if error is not None:
+            self.limit = DIVERGED * (1.0 + error)
+
+    def __call__(self, runs: Integers, t: Array, y: Array, held: Array) -> NDArray[np.bool_]:
+        """Look at points (P,), in the order of time for each run. Returns `halted`.
+
+        Raises:
+            SpecError: a signal outside its declared interval.
+        """
+        import numpy as np
+
+        seen = self.loop.see(t, y, held)
+        self.loop.signals.refuse_outside(seen.signals, t, seen.signals)
+        finite = np.isfinite(y).all(axis=0)
+        error = _distance(seen)
+        near = finite if error is None else finite & (error <= self.limit[runs])
+        far: NDArray[np.bool_] = np.logical_not(near)
+        reasons: list[tuple[NDArray[np.bool_], str, bool]] = [(far, "the error grew beyond 1e6 (1 + |e0|)", True)]
+        # A condition that cannot be evaluated is not met.
+        reasons += [(~(row > 0), sentence, False) for row, (_, sentence) in zip(seen.stops, self.loop.observer.stops, strict=True)]
+        for interval in self.loop.signals.held_ranges:
+            value = seen.signals[interval.name]
+            outside = ~((value >= interval.lower - interval.slack) & (value <= interval.upper + interval.slack))
+            reasons.append((outside, f"the input {interval.name} that the controller sets left its declared range", False))
+        for bad, sentence, diverged in reasons:
+            for point in np.flatnonzero(bad):
+                run = int(runs[point])
+                if t[point] < self.stop_t[run]:
+                    self.halt(run, float(t[point]), y[:, point], held[:, point], sentence, diverged=diverged)
+        going = finite & (t <= self.stop_t[runs])
+        np.logical_or.at(self.left_domain, runs[going], outside_domain(self.loop.plant, seen)[going])
+        if seen.encloses:
+            np.minimum.at(self.margin, runs[going], seen.margin[going])
+        return self.halted
+
+    def halt(self, run: int, t: float, y: Array, held: Array, sentence: str, *, diverged: bool) -> None:
+        """End a run at time t; of several reasons the earliest counts."""
+        self.halted[run], self.diverged[run], self.stop_t[run] = True, diverged, t
+        self.stop_y[:, run], self.stop_held[:, run] = y, held
+        self.stopped[run] = f"{sentence} (t = {t:.6g})"
+
+
+def _distance(seen: View) -> Array | None:
+    """|x_hat - x|, or the larger distance of x from the ends of its interval."""
+    import numpy as np
+
+    if "x_hat" in seen.estimates:
+        parts = seen.estimates["x_hat"] - seen.x
+    elif seen.encloses:
+        parts = np.maximum(np.abs(seen.x - seen.estimates["x_lower"]), np.abs(seen.estimates["x_upper"] - seen.x))
+    else:
+        return None
+    return np.sqrt((parts * parts).sum(axis=0))  # type: ignore[no-any-return]
+
+
+def outside_domain(plant: Plant, seen: View) -> NDArray[np.bool_]:
+    """Where x, or x_hat where it is reported, is outside the declared box, or x breaks a `where` condition."""
+    import numpy as np
+
+    outside = (seen.where < -1e-9).any(axis=0) | np.zeros(seen.x.shape[1], dtype=bool)
+    for rows in (seen.x, seen.estimates.get("x_hat")):
+        if rows is None:
+            continue
+        for name, row in zip(plant.states, rows, strict=True):
+            interval = plant.domain.box.get(name)
+            if interval is None:
+                continue
+            if interval.lower is not None:
+                outside |= row < float(interval.lower) - 1e-9 * abs(float(interval.lower))
+            if interval.upper is not None:
+                outside |= row > float(interval.upper) + 1e-9 * abs(float(interval.upper))
+    return outside
