@@ -1,0 +1,296 @@
+"""The statements of Efimov2016, in paper order, as pure mathematics over numpy arrays and Matrix alike.
+
+    z = S x,    Q0 = S A S^-1,    Q1 = -S L C S^-1,    e = (z - z_lower, z_upper - z) >= 0 while the bounds hold
+
+    edot = M e + N1 e(t_k) + b,  b >= 0,    M = [P N; N P],    N1 likewise from Q1
+
+What is exact and new to the paper stands in `positivity.py`, `boundedness.py` and `held_loop.py`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+from flint import arb
+
+from cdobs_cli.exact.matrix import Matrix, block, symmetric
+from cdobs_cli.families.interval.parts import absolute, metzler_split, negative_part, off_diagonal_part, positive_part
+
+M = TypeVar("M")
+STRUCTURE_TOLERANCE = 1e-6  # what rounding a gain to short decimals may leave in a block that should be zero
+
+
+@dataclass(frozen=True)
+class Coordinates(Generic[M]):
+    """The plant in z = S x. Shapes: S, R = S^-1, Q0, Q1 (n, n); SL (n, p)."""
+
+    S: M
+    R: M
+    Q0: M
+    Q1: M
+    SL: M
+
+
+def coordinates(A: M, C: M, S: M, R: M, L: M) -> Coordinates[M]:
+    """Q0 = S A S^-1 and Q1 = -S L C S^-1, where R = S^-1.
+
+    Source: Efimov2016, Assumption 3
+    """
+    a, c, s, r, gain = A, C, S, R, L  # type: Any, Any, Any, Any, Any
+    SL = s @ gain
+    return Coordinates(S, R, s @ a @ r, -(SL @ c @ r), SL)
+
+
+def error_flow(Q0: M) -> M:
+    """M = [P N; N P] of the Metzler split of Q0: the flow of e = (z - z_lower, z_upper - z).
+
+    Source: Efimov2016, (11), (12)
+    """
+    P, N = metzler_split(Q0)
+    return block([[P, N], [N, P]])
+
+
+def error_held(Q1: M) -> M:
+    """N1: how e(t_k) acts until the next sample; negative off-diagonal entries of Q1 couple the two bounds.
+
+    Source: Efimov2016, (11), (12)
+    """
+    return error_flow(Q1)
+
+
+def width_matrix(Q0: M, Q1: M) -> M:
+    """Mtot = diag(Q0) + |offdiag(Q0)| + diag(Q1) + |offdiag(Q1)|: the width z_upper - z_lower at rest obeys
+    0 = Mtot w + (width of delta).
+
+    Source: Efimov2016, (12)
+    """
+    total: Any = Q0
+    held: Any = Q1
+    P0: Any = total - off_diagonal_part(total) + absolute(off_diagonal_part(total))
+    P1: Any = held - off_diagonal_part(held) + absolute(off_diagonal_part(held))
+    return P0 + P1  # type: ignore[no-any-return]
+
+
+def theorem_1_order(Q1: Matrix) -> int:
+    """l of Assumption 3: the number of leading rows of Q1 with a certainly negative diagonal entry."""
+    order = 0
+    for k in range(Q1.shape[0]):
+        if not arb(Q1[k, k]) < 0 or abs(arb(Q1[k, k])) <= _slack(Q1):
+            break
+        order += 1
+    return order
+
+
+def assumption_3(Q1: Matrix) -> tuple[str, ...]:
+    """What of the structure of Q1 = [Q1bar 0; 0 0] fails: a negative diagonal in the first l >= 1 rows, an
+    off-diagonal part of Q1bar that is not negative, zeros elsewhere. Empty where it holds.
+
+    Entries up to 1e-6 of the largest are taken for the rounding of a printed gain; the other proofs read
+    them as they are.
+
+    Source: Efimov2016, Assumption 3
+    """
+    order, slack, n = theorem_1_order(Q1), _slack(Q1), Q1.shape[0]
+    found = []
+    if order == 0:
+        found.append(f"the first diagonal entry of -S L C S^-1 has to be negative, it is {_short(Q1[0, 0])}")
+    for i in range(n):
+        for j in range(n):
+            value = arb(Q1[i, j])
+            if i < order and j < order:
+                if i != j and value < -slack:
+                    found.append(f"entry ({i + 1}, {j + 1}) of -S L C S^-1 must not be negative, it is {_short(value)}")
+            elif not abs(value) <= slack and (order > 0 or (i, j) != (0, 0)):
+                found.append(f"entry ({i + 1}, {j + 1}) of -S L C S^-1 has to be 0, it is {_short(value)}")
+    return tuple(found)
+
+
+def theorem_1_positivity(Q0: Matrix, Q1: Matrix) -> tuple[arb, arb | None]:
+    """The paper's positivity condition q0_k <= e q1_k < q0_k + 1/Tbar for k = 1..l, solved for Tbar.
+
+    Returns:
+        The least e q1_k - q0_k (the first inequality holds where it is certainly not negative), and the
+        largest admissible Tbar, 1 / max_k (e q1_k - q0_k), not attained (None: not enclosed).
+    Source: Efimov2016, Theorem 1
+    """
+    e = arb.const_e()
+    gaps = []
+    for k in range(theorem_1_order(Q1)):
+        q0 = arb(positive_part(Q0)[k, k])
+        gaps.append(-arb(Q1[k, k]) * e - q0)
+    if not gaps:
+        return arb(-1), None
+    least, largest = gaps[0], gaps[0]
+    for gap in gaps[1:]:
+        least, largest = arb.min(least, gap), arb.max(largest, gap)
+    return least, 1 / largest if largest > 0 else None
+
+
+def paper_flow(Q0: M, Q1: M) -> tuple[M, M]:
+    """The two blocks that Phi_0 = [P -N; -N P] splits into for z_lower + z_upper and z_upper - z_lower:
+    P - N = Q0 and P + N, with the paper's split (of the diagonal too) in the first l rows.
+
+    LMI (15) has a solution exactly where it has one for (Q0, Q1) and one for (P + N, Q1): averaging a
+    solution over the swap of the two bounds makes it block diagonal in sum and difference.
+
+    Source: Efimov2016, Theorem 1, Phi_0
+    """
+    order = theorem_1_order(Q1 if isinstance(Q1, Matrix) else Matrix.from_floats(Q1))  # type: ignore[arg-type]
+    n = Q0.shape[0]  # type: ignore[attr-defined]
+    P, N = metzler_split(Q0)
+    moduli: Any = absolute(Q0)
+    split: Any = P
+    split = split + N
+    rows = [[moduli[i, j] if i < order else split[i, j] for j in range(n)] for i in range(n)]
+    if isinstance(Q0, Matrix):
+        return Q0, Matrix.from_rows(rows)  # type: ignore[return-value]
+    import numpy as np
+
+    return Q0, np.array(rows)  # type: ignore[return-value]
+
+
+def lmi_15(Phi_0: M, Phi_1: M, P: M, W: M, tau: Any) -> M:
+    """The matrix of (15), which has to be negative definite together with P > 0, W > 0; tau = 2 Tbar / pi.
+
+        [ P Phi + Phi' P    tau P Phi_1    Phi' W       ]
+        [ *                 -W             tau Phi_1' W ]      Phi = Phi_0 + Phi_1
+        [ *                 *              -W           ]
+
+    It is even in tau up to a congruence and affine in it, so it holds for every smaller Tbar as well.
+
+    Source: Efimov2016, Theorem 1, (15)
+    Deviates: W here is Tbar^2 times the W of the functional printed below it.
+    """
+    F0, F1, p, w = Phi_0, Phi_1, P, W  # type: Any, Any, Any, Any
+    Phi = F0 + F1
+    cross = p @ F1 * tau
+    slope = Phi.T @ w
+    held = F1.T @ w * tau
+    return block([[symmetric(p @ Phi), cross, slope], [cross.T, -w, held], [slope.T, held.T, -w]])  # type: ignore[no-any-return]
+
+
+@dataclass(frozen=True)
+class Theorem2Unknowns(Generic[M]):
+    """The unknowns of Theorem 2: P, U symmetric, the others full, all (2n, 2n)."""
+
+    P: M
+    U: M
+    X: M
+    X_1: M
+    P_2: M
+    P_3: M
+    R: M
+    Y_1: M
+    Y_2: M
+
+
+def feedback_flow(Q0: M) -> M:
+    """Phi_0 = [P -N; -N P]: the flow of zeta = (z_lower, z_upper).
+
+    Source: Efimov2016, (17)
+    Deviates: ordered (z_lower, z_upper) instead of by blocks of l and n - l, a permutation; the diagonal is
+        not split.
+    """
+    P, N = metzler_split(Q0)
+    minus: Any = N
+    return block([[P, -minus], [-minus, P]])
+
+
+def feedback_held(Q1: M, SB: M, K_lower: M, K_upper: M) -> M:
+    """Phi_2 = Phi_1 + [SB; SB] [K_lower K_upper]: how zeta(t_k) acts until the next sample.
+
+    Source: Efimov2016, (17)
+    """
+    q, sb, low, up = feedback_flow(Q1), SB, K_lower, K_upper  # type: Any, Any, Any, Any
+    return q + block([[sb @ low, sb @ up], [sb @ low, sb @ up]])  # type: ignore[no-any-return]
+
+
+def theorem_2_functional(v: Theorem2Unknowns[M], Tbar: Any) -> M:
+    """The first matrix inequality of Theorem 2 (> 0): the functional is positive.
+
+    Source: Efimov2016, Theorem 2
+    """
+    P, X, X_1 = v.P, v.X, v.X_1  # type: Any, Any, Any
+    half = symmetric(X) * _half(Tbar)
+    cross = X_1 - X
+    return block([[P * (1 / Tbar) + half, cross], [cross.T, half - symmetric(X_1)]])  # type: ignore[no-any-return]
+
+
+def theorem_2_derivative(
+    Phi_0: M, Phi_2: M, Lambda: M, v: Theorem2Unknowns[M], gamma_squared: Any, Tbar: Any, corner: int
+) -> M:
+    """The second inequality (< 0) at corner 0 (just after a sample) or 1 (just before the next), in the
+    coordinates zeta, zeta', zeta(t_k) (and the mean of zeta' at corner 1), y:
+
+        Vdot + |zeta(t_k)|^2 - gamma^2 |y|^2 < 0.
+
+    Args:
+        Lambda: [S L; S L], shape (2n, p).
+    Source: Efimov2016, Theorem 2, Psi_0, Psi_1
+    Deviates: the border of Psi_i is damaged in print; this is the Schur form it must have.
+    """
+    F0, F2, Lam = Phi_0, Phi_2, Lambda  # type: Any, Any, Any
+    P, U, X, X_1, P_2, P_3, R, Y_1, Y_2 = v.P, v.U, v.X, v.X_1, v.P_2, v.P_3, v.R, v.Y_1, v.Y_2  # type: Any, Any, Any, Any, Any, Any, Any, Any, Any
+    mean = symmetric(X) * _half(Tbar)
+    Omega_11 = symmetric(P_2.T @ F0 - Y_1)
+    Omega_12 = P - P_2.T + F0.T @ P_3 - Y_2
+    Omega_13 = Y_1.T + P_2.T @ F2 - R
+    Omega_22 = -symmetric(P_3)
+    Omega_23 = Y_2.T + P_3.T @ F2
+    Omega_33 = symmetric(R)
+    Pi = mean - symmetric(X_1)
+    A11, A12, A13 = Omega_11 - mean, Omega_12, Omega_13 + X - X_1
+    A22, A23, A33 = Omega_22, Omega_23, Omega_33 - Pi + _identity_like(P, P.shape[0])
+    disturbed = _identity_like(P, Lam.shape[1]) * -gamma_squared
+    y1, y2 = P_2.T @ Lam, P_3.T @ Lam
+    none = y1 * 0
+    if corner == 0:
+        A12, A22, A23 = A12 + mean * Tbar, A22 + U * Tbar, A23 - (X - X_1) * Tbar
+        return block(  # type: ignore[no-any-return]
+            [[A11, A12, A13, y1], [A12.T, A22, A23, y2], [A13.T, A23.T, A33, none], [y1.T, y2.T, none.T, disturbed]]
+        )
+    m1, m2, m3, m4 = Y_1.T * Tbar, Y_2.T * Tbar, R.T * Tbar, -(U * Tbar)
+    return block(  # type: ignore[no-any-return]
+        [
+            [A11, A12, A13, m1, y1],
+            [A12.T, A22, A23, m2, y2],
+            [A13.T, A23.T, A33, m3, none],
+            [m1.T, m2.T, m3.T, m4, none],
+            [y1.T, y2.T, none.T, none.T, disturbed],
+        ]
+    )
+
+
+def theorem_2_gain_limit(C_norm: Any, R: M, norm: Any) -> Any:
+    """1 / (|C| mu) with mu = sqrt(2 (|R^+|^2 + |R^-|^2)), R = S^-1; `norm` gives the spectral norm.
+
+    Source: Efimov2016, Theorem 2
+    """
+    plus, minus = norm(positive_part(R)), norm(negative_part(R))
+    mu_squared = (plus * plus + minus * minus) * 2
+    return 1 / (C_norm * mu_squared ** _half(mu_squared))
+
+
+def _half(like: Any) -> Any:
+    return arb(1) / 2 if isinstance(like, arb) else 0.5
+
+
+def _identity_like(example: Any, size: int) -> Any:
+    if isinstance(example, Matrix):
+        return Matrix.identity(size)
+    import numpy as np
+
+    return np.eye(size)
+
+
+def _slack(Q1: Matrix) -> arb:
+    largest = arb(0)
+    for row in Q1.tolist():
+        for value in row:
+            largest = arb.max(largest, abs(arb(value)))
+    return (largest * arb(STRUCTURE_TOLERANCE)).upper()
+
+
+def _short(value: Any) -> str:
+    return f"{float(arb(value).mid()):.6g}"
