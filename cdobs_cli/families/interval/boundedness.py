@@ -151,10 +151,10 @@ def find_lmi_15(z: Coordinates[Array], exact: Coordinates[Matrix], Tbar: Fractio
 
     pairs = []
     n = len(z.Q0)
+    identity = np.eye(n)
     tau = 2 * float(Tbar) / np.pi
     for Phi_0 in paper_flow(z.Q0, z.Q1):
         program = Program({"P": symmetric(n), "W": symmetric(n), "t": full(1, 1)})
-        identity = np.eye(n)
 
         def slack(x: Any, Phi_0: Array = Phi_0) -> Array:
             t = x["t"][0, 0]

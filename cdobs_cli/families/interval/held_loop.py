@@ -44,7 +44,9 @@ def growth(A: Matrix, closed: Matrix, s: Any) -> Matrix:
     """
     n = A.shape[0]
     identity, zero = Matrix.identity(n), Matrix.zeros(n, n)
-    return block([[A.balls() * s, identity.balls()], [zero.balls(), zero.balls()]]).exp()[0:n, n : 2 * n] @ closed
+    both = block([[A.balls() * s, identity.balls()], [zero.balls(), zero.balls()]]).exp()
+    phi_1: Matrix = both[0:n, n : 2 * n]
+    return phi_1 @ closed
 
 
 def decrease(P: Any, Phi: Any, s: Any) -> Any:
@@ -196,8 +198,9 @@ def descriptor_design(A: Array, B: Array, Tbar: float, epsilon: float) -> Array 
 
     def functional(x: Mapping[str, Array]) -> Array:
         half, cross = symmetric(x["X"]) / 2, x["X_1"] - x["X"]
-        M: Array = np.block([[x["P"] / Tbar + half, cross], [cross.T, half - symmetric(x["X_1"])]])
-        return M - np.eye(2 * n) * x["t"][0, 0]
+        M = np.block([[x["P"] / Tbar + half, cross], [cross.T, half - symmetric(x["X_1"])]])
+        margin: Array = M - np.eye(2 * n) * x["t"][0, 0]
+        return margin
 
     def derivative(x: Mapping[str, Array], corner: int) -> Array:
         Q, X, X_1, Y_1, Y_2, R, BY = x["Q"], x["X"], x["X_1"], x["Y_1"], x["Y_2"], x["R"], B @ x["Y"]
@@ -206,11 +209,12 @@ def descriptor_design(A: Array, B: Array, Tbar: float, epsilon: float) -> Array 
         A22, A23, A33 = -epsilon * symmetric(Q), Y_2.T + epsilon * BY, symmetric(R) - mean + symmetric(X_1)
         if corner == 0:
             A12, A22, A23 = A12 + Tbar * mean, A22 + Tbar * x["U"], A23 - Tbar * (X - X_1)
-            M: Array = np.block([[A11, A12, A13], [A12.T, A22, A23], [A13.T, A23.T, A33]])
+            M = np.block([[A11, A12, A13], [A12.T, A22, A23], [A13.T, A23.T, A33]])
         else:
             m1, m2, m3 = Tbar * Y_1.T, Tbar * Y_2.T, Tbar * R.T
             M = np.block([[A11, A12, A13, m1], [A12.T, A22, A23, m2], [A13.T, A23.T, A33, m3], [m1.T, m2.T, m3.T, -Tbar * x["U"]]])
-        return -M - np.eye(len(M)) * x["t"][0, 0]
+        margin: Array = -M - np.eye(len(M)) * x["t"][0, 0]
+        return margin
 
     program.require(functional)
     program.require(lambda x: derivative(x, 0))

@@ -11,12 +11,13 @@ It stays bounded where |S F(s) S^-1| contracts in one weighted norm for every pe
 from __future__ import annotations
 
 from fractions import Fraction
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from flint import arb
 
 from cdobs_cli.exact.functions import fraction_ball
-from cdobs_cli.exact.matrix import Matrix, block
+from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.families.interval.boundedness import DIGITS
 from cdobs_cli.families.interval.held_loop import growth, holds_on, law_ends
@@ -62,9 +63,7 @@ def prove_hull(A: Matrix, C: Matrix, S: Matrix, R: Matrix, L: Matrix, w: Matrix,
     if w.shape != (A.shape[0], 1) or not all(arb(w[i, 0]) > 0 for i in range(w.shape[0])):
         return False
     low, high = law_ends(law)
-    return holds_on(
-        lambda s: all(value > 0 for value in contraction(hull_growth(A, C, S, R, L, s), w, s)), low, high, 512 * 2**effort
-    )
+    return holds_on(lambda s: all(value > 0 for value in contraction(hull_growth(A, C, S, R, L, s), w, s)), low, high, 512 * 2**effort)
 
 
 def find_hull(A: Array, C: Array, S: Array, L: Array, law: SamplingLaw) -> ExactMatrix | None:
@@ -111,7 +110,9 @@ def error_maps_at(A: Array, C: Array, S: Array, L: Array, periods: list[float]) 
     return errors if np.all(np.isfinite(errors)) else None
 
 
-def hull_width(A: Matrix, C: Matrix, S: Matrix, R: Matrix, L: Matrix, w: Matrix, disturbance: Matrix, noise: Matrix, law: SamplingLaw) -> Matrix | None:
+def hull_width(
+    A: Matrix, C: Matrix, S: Matrix, R: Matrix, L: Matrix, w: Matrix, disturbance: Matrix, noise: Matrix, law: SamplingLaw
+) -> Matrix | None:
     """An upper bound of the final width of x at all times, shape (n, 1): the largest over the phase s of the
     width that a radius rho bounded for ever leads to.
 
@@ -154,11 +155,13 @@ class _Phase:
         self.s, self.Phi, self.rate, self.to_x, self.in_x, self.is_sample = s, Phi, rate, to_x, in_x, is_sample
 
 
-def _phases(A: Matrix, C: Matrix, S: Matrix, R: Matrix, L: Matrix, half_d: Matrix, half_v: Matrix, low: Fraction, high: Fraction) -> list[_Phase]:
+def _phases(
+    A: Matrix, C: Matrix, S: Matrix, R: Matrix, L: Matrix, half_d: Matrix, half_v: Matrix, low: Fraction, high: Fraction
+) -> list[_Phase]:
     """Pieces that cover [0, high]; those that cover [low, high] are where a sample may come."""
     n = A.shape[0]
     ends = sorted({high * k / _PIECES for k in range(_PIECES + 1)} | {low})
-    pairs = list(zip(ends, ends[1:], strict=False)) + ([(high, high)] if low == high else [])
+    pairs = list(pairwise(ends)) + ([(high, high)] if low == high else [])
     in_x, in_z = Matrix.zeros(n, 1).balls(), Matrix.zeros(n, 1).balls()
     pieces = []
     for a, b in pairs:
@@ -174,13 +177,12 @@ def _phases(A: Matrix, C: Matrix, S: Matrix, R: Matrix, L: Matrix, half_d: Matri
         # in_z(s)/s <= max of |S exp(A r)| d_rad over [0, s]; for pieces away from 0 by division.
         disturbance_rate = next_z / s if a > 0 else absolute(S @ flow) @ half_d
         to_x = absolute(flow_to_x(gamma, A, L @ C, s) @ R)
-        pieces.append(
-            _Phase(s, Phi, disturbance_rate + noise_rate, to_x, next_x + absolute(gamma @ L) @ half_v * s, is_sample=a >= low)
-        )
+        pieces.append(_Phase(s, Phi, disturbance_rate + noise_rate, to_x, next_x + absolute(gamma @ L) @ half_v * s, is_sample=a >= low))
         in_x, in_z = next_x, next_z
     return pieces
 
 
 def flow_to_x(gamma: Matrix, A: Matrix, LC: Matrix, s: arb) -> Matrix:
     """F(s) = I + s (Gamma_A(s)/s) (A - L C)."""
-    return Matrix.identity(A.shape[0]) + gamma @ (A - LC) * s
+    F: Matrix = Matrix.identity(A.shape[0]) + gamma @ (A - LC) * s
+    return F

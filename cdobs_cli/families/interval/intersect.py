@@ -67,7 +67,9 @@ def _combination(row: Matrix, C: Matrix) -> Matrix | None:
     return G if all(value == 0 for value in rest.tolist()[0]) else None
 
 
-def intersected_width(z: Coordinates[Matrix], rows: dict[int, Matrix], w: Matrix, c: Matrix, noise: Matrix, low: Fraction, high: Fraction) -> Matrix:
+def intersected_width(
+    z: Coordinates[Matrix], rows: dict[int, Matrix], w: Matrix, c: Matrix, noise: Matrix, low: Fraction, high: Fraction
+) -> Matrix:
     """An upper bound of the final width of z when rows of z are intersected at samples, at all times.
 
     Starts from a valid bound w (the final width without intersection) and improves it in turn: measured rows

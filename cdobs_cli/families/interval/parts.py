@@ -71,9 +71,11 @@ def _maximum(a: Any, b: Any) -> Any:
     return max(float(a), float(b))
 
 
-def _entries(A: Any, entry: Callable[[int, int, Any], Any]) -> Any:
-    if isinstance(A, Matrix):
-        return Matrix.from_rows([[entry(i, j, value) for j, value in enumerate(row)] for i, row in enumerate(A.tolist())])
+def _entries(A: T, entry: Callable[[int, int, Any], Any]) -> T:
+    values: Any = A
+    if isinstance(values, Matrix):
+        return Matrix.from_rows([[entry(i, j, value) for j, value in enumerate(row)] for i, row in enumerate(values.tolist())])  # type: ignore[return-value]
     import numpy as np
 
-    return np.array([[entry(i, j, value) for j, value in enumerate(row)] for i, row in enumerate(A)], dtype=float)
+    floats: Any = np.array([[entry(i, j, value) for j, value in enumerate(row)] for i, row in enumerate(values)], dtype=float)
+    return floats  # type: ignore[no-any-return]

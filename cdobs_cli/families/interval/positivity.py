@@ -37,11 +37,11 @@ class PositivityLimit:
 
     def holds_until(self, T: arb) -> bool:
         """Whether E >= 0 on [0, T] is proved."""
-        return self.proved is None or bool(T <= fraction_ball(self.proved))
+        return self.proved is None or bool(fraction_ball(self.proved) >= T)
 
     def fails_before(self, T: arb) -> bool:
         """Whether E has a negative entry somewhere on [0, T], proved."""
-        return self.refuted is not None and bool(T >= fraction_ball(self.refuted))
+        return self.refuted is not None and bool(fraction_ball(self.refuted) <= T)
 
     @property
     def witness(self) -> Witness | None:

@@ -112,8 +112,7 @@ def prove_theorem_2(loop: ObserverLoop, certificate: Theorem2, Tbar: arb) -> boo
     if not all(has_positive_pivots(M) for M in (v.P, v.U, theorem_2_functional(v, Tbar))):
         return False
     return all(
-        has_positive_pivots(-theorem_2_derivative(loop.Phi_0, loop.Phi_2, loop.Lambda, v, gamma * gamma, Tbar, corner))
-        for corner in (0, 1)
+        has_positive_pivots(-theorem_2_derivative(loop.Phi_0, loop.Phi_2, loop.Lambda, v, gamma * gamma, Tbar, corner)) for corner in (0, 1)
     )
 
 

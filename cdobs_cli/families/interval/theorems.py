@@ -194,7 +194,8 @@ def feedback_flow(Q0: M) -> M:
     """
     P, N = metzler_split(Q0)
     minus: Any = N
-    return block([[P, -minus], [-minus, P]])
+    loop: M = block([[P, -minus], [-minus, P]])
+    return loop
 
 
 def feedback_held(Q1: M, SB: M, K_lower: M, K_upper: M) -> M:
@@ -217,9 +218,7 @@ def theorem_2_functional(v: Theorem2Unknowns[M], Tbar: Any) -> M:
     return block([[P * (1 / Tbar) + half, cross], [cross.T, half - symmetric(X_1)]])  # type: ignore[no-any-return]
 
 
-def theorem_2_derivative(
-    Phi_0: M, Phi_2: M, Lambda: M, v: Theorem2Unknowns[M], gamma_squared: Any, Tbar: Any, corner: int
-) -> M:
+def theorem_2_derivative(Phi_0: M, Phi_2: M, Lambda: M, v: Theorem2Unknowns[M], gamma_squared: Any, Tbar: Any, corner: int) -> M:
     """The second inequality (< 0) at corner 0 (just after a sample) or 1 (just before the next), in the
     coordinates zeta, zeta', zeta(t_k) (and the mean of zeta' at corner 1), y:
 

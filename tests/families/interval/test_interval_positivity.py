@@ -23,7 +23,9 @@ def bracket_holds(found, value, relative=1e-6):
     assert found.refuted - found.proved <= relative * value
 
 
-@pytest.mark.parametrize(("a0", "a1"), [("1", "1.4"), ("1", "4"), ("0", "1.5"), ("-1", "1.5"), ("-0.001", "3"), ("1e-6", "2e-6"), ("1e6", "1.5e6")])
+@pytest.mark.parametrize(
+    ("a0", "a1"), [("1", "1.4"), ("1", "4"), ("0", "1.5"), ("-1", "1.5"), ("-0.001", "3"), ("1e-6", "2e-6"), ("1e6", "1.5e6")]
+)
 def test_scalar_limit_is_the_closed_form(a0, a1):
     found = limit(exact([[a0]], [[1]], [[1]], [[a1]]))
     x, q = float(a0), float(a1)
@@ -79,7 +81,12 @@ def test_limit_agrees_with_all_entries_on_a_grid(seed):
     rng = np.random.default_rng(seed)
     n, p = int(rng.integers(2, 4)), int(rng.integers(1, 3))
     text = lambda M: [[f"{v:.3f}" for v in row] for row in M]  # noqa: E731
-    data = text(rng.normal(size=(n, n))), text(rng.normal(size=(p, n))), text(rng.normal(size=(n, n)) + 2 * np.eye(n)), text(rng.normal(size=(n, p)))
+    data = (
+        text(rng.normal(size=(n, n))),
+        text(rng.normal(size=(p, n))),
+        text(rng.normal(size=(n, n)) + 2 * np.eye(n)),
+        text(rng.normal(size=(n, p))),
+    )
     found = limit(exact(*data))
     horizon = 2 * float(found.refuted) if found.refuted is not None else 5.0
     first = brute(floats(*data), horizon)

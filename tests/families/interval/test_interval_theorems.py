@@ -102,9 +102,7 @@ def test_lmi_15_as_one_matrix_of_the_paper():
     up[1, 1], down[1, 1] = f.Q0[1, 1], 0
     Phi_0, Phi_1 = np.block([[up, -down], [-down, up]]), np.kron(np.eye(2), f.Q1)
     F, tau = Phi_0 + Phi_1, 2 * 0.1 / pi
-    full = np.block(
-        [[P @ F + F.T @ P, tau * P @ Phi_1, F.T @ W], [tau * Phi_1.T @ P, -W, tau * Phi_1.T @ W], [W @ F, tau * W @ Phi_1, -W]]
-    )
+    full = np.block([[P @ F + F.T @ P, tau * P @ Phi_1, F.T @ W], [tau * Phi_1.T @ P, -W, tau * Phi_1.T @ W], [W @ F, tau * W @ Phi_1, -W]])
     assert np.linalg.eigvalsh(full).max() < 0 and np.linalg.eigvalsh(P).min() > 0
     assert np.allclose(lmi_15(Phi_0, Phi_1, P, W, tau), full)
 

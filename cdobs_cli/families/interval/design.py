@@ -1,0 +1,232 @@
+"""Search for S and L in floats: S = [C; T] with T from the Sylvester equation, L = S^-1 [diag(q); 0].
+
+What is searched over: the rates lambda_i < 0 of T, for p > 1 also the directions g_i, and how much of the
+largest admissible injection q_j each output uses. With N1 = -diag(q) the columns of E(s) decouple, so the
+largest q_j for a period is known in closed form: q_j(Tbar) = min over s <= Tbar of exp(M s)_jj / Gamma(s)_jj.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdobs_cli.certify.falsify import exponentials
+from cdobs_cli.certify.sylvester import sylvester_rows
+from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.families.interval.boundedness import final_width
+from cdobs_cli.families.interval.theorems import Coordinates, coordinates, error_flow, width_matrix
+from cdobs_cli.plant import Box, Plant
+
+Array = NDArray[np.float64]
+
+S_DIGITS, L_DIGITS = 7, 9
+_PHASES = 32
+_LARGEST_CONDITION = 1e7
+# Under `max_period`: the share of the largest injection that must still make Mtot Hurwitz, and the share used.
+# At the limit itself the width would take for ever to settle, at a value without bound.
+RESERVE, USED = 0.98, 0.995
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One choice of coordinates: rates and directions of T, and S = [C; T] with R = S^-1."""
+
+    rates: Array
+    directions: Array
+    S: Array
+    R: Array
+
+    def injected(self, A: Array, C: Array, q: Array) -> Coordinates[Array]:
+        """The coordinates with L = S^-1 [diag(q); 0]."""
+        return coordinates(A, C, self.S, self.R, self.gain(q))
+
+    def gain(self, q: Array) -> Array:
+        p = len(q)
+        return self.R @ np.vstack([np.diag(q), np.zeros((len(self.S) - p, p))])
+
+
+def box_widths(box: Box | None, size: int) -> Array:
+    """upper - lower of a declared box, zeros without one, shape (size, 1)."""
+    if box is None:
+        return np.zeros((size, 1))
+    return np.array([[float(high) - float(low)] for low, high in zip(box.lower, box.upper, strict=True)])
+
+
+@dataclass(frozen=True)
+class Search:
+    """The plant in floats, and the widths that `min_width` weighs (unit disturbances where none are declared)."""
+
+    A: Array
+    C: Array
+    disturbance: Array
+    noise: Array
+
+    @staticmethod
+    def of(plant: Plant) -> Search:
+        disturbance, noise = box_widths(plant.disturbance, plant.n), box_widths(plant.noise, plant.p)
+        if not disturbance.any() and not noise.any():
+            disturbance = np.ones((plant.n, 1))
+        return Search(np.array(plant.A.floats), np.array(plant.C.floats), disturbance, noise)
+
+    @property
+    def scale(self) -> float:
+        """A rate typical of A, 1 for A = 0."""
+        return float(np.linalg.norm(self.A, 2)) or 1.0
+
+    def shape(self, parameters: Array) -> Shape | None:
+        """From (log of -lambda_i, entries of g_i for p > 1)."""
+        n, p = len(self.A), len(self.C)
+        count = n - p
+        rates = -np.exp(np.clip(parameters[:count], -60, 60))
+        directions = np.ones((count, 1)) if p == 1 else parameters[count : count + count * p].reshape(count, p)
+        T = sylvester_rows(self.A, self.C, rates, directions) if count else np.zeros((0, n))
+        if T is None:
+            return None
+        S = np.vstack([self.C, T])
+        if not np.all(np.isfinite(S)) or np.linalg.cond(S) > _LARGEST_CONDITION:
+            return None
+        return Shape(rates, directions, S, np.linalg.inv(S))
+
+    def largest_injection(self, shape: Shape, Tbar: float) -> Array | None:
+        """q_j(Tbar) for each output."""
+        p = len(self.C)
+        M = error_flow(shape.S @ self.A @ shape.R)
+        size = len(M)
+        flow = np.block([[M, np.eye(size)], [np.zeros((size, 2 * size))]]) * Tbar
+        if not np.all(np.isfinite(flow)) or np.abs(flow).sum(axis=1).max() > 200:
+            return None
+        parts = exponentials(flow[None] * (np.arange(1, _PHASES + 1) / _PHASES)[:, None, None])
+        index = np.arange(p)
+        with np.errstate(all="ignore"):
+            ratios = parts[:, index, index] / parts[:, index, size + index]
+        q = ratios.min(axis=0)
+        return q if np.all(np.isfinite(q)) and np.all(q > 0) else None
+
+    def abscissa(self, shape: Shape, q: Array) -> float:
+        """The largest real part of the eigenvalues of Mtot."""
+        z = shape.injected(self.A, self.C, q)
+        return float(np.linalg.eigvals(width_matrix(z.Q0, z.Q1)).real.max())
+
+    def width(self, shape: Shape, q: Array) -> float:
+        """Sum of the final widths of x; infinite where Mtot is not Hurwitz."""
+        z = shape.injected(self.A, self.C, q)
+        Mtot = width_matrix(z.Q0, z.Q1)
+        if not np.linalg.eigvals(Mtot).real.max() < 0:
+            return np.inf
+        return float(np.sum(final_width(z, Mtot, self.disturbance, self.noise)))
+
+    def longest(self, shape: Shape) -> float:
+        """The largest Tbar at which the reserve of the injection keeps Mtot Hurwitz, to 1e-4."""
+
+        def holds(T: float) -> bool:
+            q = self.largest_injection(shape, T)
+            return q is not None and self.abscissa(shape, RESERVE * q) < 0
+
+        low, high = 0.0, 0.01 / self.scale
+        while holds(high) and high < 1e9:
+            low, high = high, 1.5 * high
+        while high - low > 1e-4 * high:
+            middle = (low + high) / 2
+            low, high = (middle, high) if holds(middle) else (low, middle)
+        return low
+
+    def starts(self) -> list[Array]:
+        """Where the climbs begin: rates around the scale of A, a factor apart; directions one output after another."""
+        n, p = len(self.A), len(self.C)
+        count = n - p
+        spread = 1.6 ** np.arange(count)
+        found = []
+        for factor in (0.4, 1.0, 3.0):
+            parameters = [np.log(factor * self.scale * spread)]
+            if p > 1:
+                parameters.append(np.array([[1.0 if k == i % p else 0.2 for k in range(p)] for i in range(count)]).reshape(-1))
+            found.append(np.concatenate(parameters))
+        return found
+
+    def longest_design(self, effort: int) -> tuple[Shape, Array] | None:
+        """Shape and injection with the largest period found."""
+
+        def value(parameters: Array) -> float:
+            shape = self.shape(parameters)
+            return self.longest(shape) if shape is not None else -np.inf
+
+        best = climb(value, self.starts(), 0.5, effort)
+        shape = self.shape(best[0])
+        if shape is None or not best[1] > 0:
+            return None
+        q = self.largest_injection(shape, best[1])
+        return None if q is None else (shape, USED * q)
+
+    def design_at(self, Tbar: float, cost: Callable[[Shape, Array], float], effort: int) -> tuple[Shape, Array] | None:
+        """Shape and injection of least cost among those positive up to Tbar with Mtot Hurwitz."""
+        p = len(self.C)
+
+        def split(parameters: Array) -> tuple[Shape, Array] | None:
+            shape = self.shape(parameters[:-p])
+            q = self.largest_injection(shape, Tbar) if shape is not None else None
+            share = 0.9995 / (1 + np.exp(-np.clip(parameters[-p:], -30, 30)))
+            return None if shape is None or q is None else (shape, share * q)
+
+        def value(parameters: Array) -> float:
+            pair = split(parameters)
+            if pair is None:
+                return -np.inf
+            abscissa = self.abscissa(*pair)
+            return -1e30 * (1 + abscissa / self.scale) if abscissa >= 0 else -cost(*pair)
+
+        parameters, best = climb(value, [np.concatenate([start, np.full(p, 3.0)]) for start in self.starts()], 0.5, effort)
+        return split(parameters) if best > -1e30 else None
+
+    def width_design(self, Tbar: float, effort: int) -> tuple[Shape, Array] | None:
+        """Least sum of final widths."""
+        return self.design_at(Tbar, self.width, effort)
+
+    def decay_design(self, Tbar: float, effort: int) -> tuple[Shape, Array] | None:
+        """Fastest decay of the width."""
+        return self.design_at(Tbar, self.abscissa, effort)
+
+
+def climb(value: Callable[[Array], float], starts: list[Array], step: float, effort: int) -> tuple[Array, float]:
+    """Coordinate ascent from the best start, steps growing while they help and shrinking when none does:
+    deterministic, no gradient."""
+    values = [value(start) for start in starts]
+    best = int(np.argmax(values))
+    point, top = starts[best], values[best]
+    steps = np.full(len(point), step)
+    for _ in range(20 + 15 * effort):
+        moved = False
+        for k in range(len(point)):
+            for sign in (1.0, -1.0):
+                trial = point.copy()
+                trial[k] += sign * steps[k]
+                found = value(trial)
+                if found > top:
+                    point, top, moved = trial, found, True
+                    steps[k] *= 2 * sign
+                    break
+            else:
+                steps[k] /= 3
+        if not moved and np.abs(steps).max(initial=0.0) < 1e-4:
+            break
+    return point, top
+
+
+def printed(plant: Plant, shape: Shape, q: Array) -> dict[str, ExactMatrix]:
+    """S and L in short decimals: the rows of C as typed, T rounded, L solved again for the rounded S."""
+    p = plant.p
+    T = ExactMatrix.from_floats(shape.S[p:], S_DIGITS).rows if len(shape.S) > p else ()
+    S = ExactMatrix([*plant.C.rows, *T])
+    L: Array = np.linalg.solve(S.floats, np.vstack([np.diag(q), np.zeros((plant.n - p, p))])).astype(np.float64)
+    return {"S": S, "L": clean(ExactMatrix.from_floats(L, L_DIGITS), L)}
+
+
+def clean(exact: ExactMatrix, floats: Array) -> ExactMatrix:
+    """Entries that are rounding noise of the largest become 0."""
+    largest = float(np.abs(floats).max()) or 1.0
+    zero = Exact(0)
+    rows: list[list[Any]] = [[zero if abs(float(entry)) < 1e-13 * largest else entry for entry in row] for row in exact.rows]
+    return ExactMatrix(rows)
