@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cdobs_cli.certify.bernstein import derivative, elevation
 from cdobs_cli.certify.clock import Shape, jump_block, jump_gap, kept_states, lyapunov
