@@ -19,6 +19,7 @@ from cdobs_cli.report.ladder import Ladder
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 BLACK, ORANGE, SKY, GREEN, BLUE, VERMILLION, PURPLE = "#000000", "#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC79A7"
@@ -29,6 +30,7 @@ ROLE_DASHES: dict[str, Any] = {"truth": "-", "estimate": (0, (5, 1.6)), "proved"
 FURTHER_DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)), (0, (8, 2)))
 MARKERS = ("o", "s", "^", "D", "v")
 WIDTH = 6.3  # inches: the text width of an A4 paper
+LEGEND_WIDTH = 400  # points
 LARGEST = 1e150  # values beyond are not drawn: axes overflow
 _STYLE: Any = {
     "font.family": "STIXGeneral", "mathtext.fontset": "stix", "font.size": 10.5, "axes.linewidth": 0.7,
@@ -138,10 +140,28 @@ def _draw_panel(ax: Axes, panel: Panel, known: set[str]) -> None:
         seen[series.role] = index + 1
         _draw_series(ax, series, index, many=many, panel=panel)
     ax.set_ylabel(_mathematics(panel.y_label))
-    ax.set_xscale(panel.x_scale)
+    if panel.x_scale == "log":
+        ax.set_xscale("log")
+        _plain_ticks(ax.xaxis, ax.get_xlim())
     if panel.y_scale == "log" and _has_positive(panel):
         ax.set_yscale("log")
+        _plain_ticks(ax.yaxis, ax.get_ylim())
     _legend(ax, known)
+
+
+def _plain_ticks(axis: Axis, ends: tuple[float, float]) -> None:
+    """Numbers like 0.5 and 2 on a logarithmic axis of few decades; powers of ten are left to wide ones."""
+    low, high = ends
+    if low <= 0 or high > 1000 * low or high > 1e4 or low < 1e-4:
+        return
+    digits = (1, 2, 5) if high > 12 * low else (1, 2, 3, 4, 5, 6, 8)
+
+    def label(value: float, _position: int) -> str:
+        lead = value / 10 ** math.floor(math.log10(value) + 1e-9)
+        return f"{value:g}" if any(abs(lead - digit) < 1e-6 for digit in digits) else ""
+
+    axis.set_major_formatter(label)
+    axis.set_minor_formatter(label)
 
 
 def _has_positive(panel: Panel) -> bool:
@@ -158,7 +178,8 @@ def _legend(ax: Axes, known: set[str]) -> None:
             fresh.setdefault(short, handle)
     known |= set(fresh)
     if fresh:
-        columns = len(fresh) if sum(len(label) + 6 for label in fresh) < 80 else 2
+        widths = [5.2 * len(label) + 42 for label in fresh]  # points, roughly: a legend wider than the axes would squeeze them
+        columns = len(fresh) if sum(widths) < LEGEND_WIDTH else max(1, int(LEGEND_WIDTH / max(widths)))
         ax.legend(list(fresh.values()), list(fresh), loc="lower left", bbox_to_anchor=(0, 1.0), ncols=columns,
                   borderaxespad=0.15, handlelength=2.4, columnspacing=1.6)  # fmt: skip
 
@@ -181,7 +202,8 @@ def _draw_series(ax: Axes, series: Series, index: int, *, many: bool, panel: Pan
             ax.step(x, y, where="post", **line)
         case "points":
             marker = MARKERS[index % len(MARKERS)]
-            ax.plot(x, y, linestyle="none", marker=marker, markersize=3.6, color=colour, markeredgecolor="white", markeredgewidth=0.4,
+            size, edge = (3.6, 0.4) if len(x) < 200 else (1.8, 0.0)
+            ax.plot(x, y, linestyle="none", marker=marker, markersize=size, color=colour, markeredgecolor="white", markeredgewidth=edge,
                     label=label, zorder=4)  # fmt: skip
         case "stems":
             ax.vlines(x, 0, y, color=colour, linewidth=1.0, alpha=0.8)
@@ -249,6 +271,7 @@ def _ladder_figure(ladder: Ladder) -> Figure:
         ax.text(1.02, y, rung.text, transform=ax.get_yaxis_transform(), va="center", fontsize=9.5)
     if logarithmic:
         ax.set_xscale("log")
+        _plain_ticks(ax.xaxis, (left, right))
     ax.set_xlim(left, right)
     ax.set_ylim(-0.6, count - 0.4)
     ax.set_yticks(range(count), [_mathematics(rung.label) for rung in reversed(ladder.rungs)])
