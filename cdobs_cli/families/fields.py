@@ -36,6 +36,8 @@ MAX_ROWS = 256
 MAX_TREE = 20_000
 MAX_TREE_DEPTH = 400
 LARGEST = Fraction(10) ** 100
+# What gives one value for constant arguments (random draws of a noise do not).
+_CONSTANT_FUNCTIONS = {*TYPED_FUNCTIONS, "add", "multiply", "divide", "sign", "step"}
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
@@ -58,7 +60,8 @@ def bounded(expression: Expression) -> Expression:
             raise ExpressionError("an expression that is too large once its parameters are put in")
     closed: dict[Expression, bool] = {}
     for node in expression.walk():
-        closed[node] = not isinstance(node, Variable) and all(closed[child] for child in node.children)
+        constant = not isinstance(node, Variable) and (not isinstance(node, Call) or node.function in _CONSTANT_FUNCTIONS)
+        closed[node] = constant and all(closed[child] for child in node.children)
         if isinstance(node, Number):
             _check_magnitude(node.value)
     outermost = {child for node in closed if not closed[node] for child in node.children if closed[child]}

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Annotated, Any, ClassVar, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.expression import CONSTANTS, TYPED_FUNCTIONS, nearest
@@ -20,6 +20,11 @@ RESERVED = frozenset({*CONSTANTS, *TYPED_FUNCTIONS, "t", "t_k", "elapsed", "unif
 _IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,31}\Z", re.ASCII)
 
 
+def is_identifier(name: str) -> bool:
+    """Whether a name can stand in an expression, reserved or not."""
+    return _IDENTIFIER.match(name) is not None and not keyword.iskeyword(name)
+
+
 def _identifier(name: str) -> str:
     if not _IDENTIFIER.match(name):
         raise wrong("a name is a letter followed by letters, digits and _, at most 32 in all")
@@ -28,6 +33,13 @@ def _identifier(name: str) -> str:
     return name
 
 
+def _text(value: Any) -> Any:
+    if isinstance(value, DecimalText):
+        raise wrong("text is expected, put it in quotes")
+    return value
+
+
+Text = Annotated[str, BeforeValidator(_text)]
 Name = Annotated[str, AfterValidator(_identifier)]
 
 
@@ -89,7 +101,7 @@ def explain(error: ValidationError, model: type[BaseModel], value: Any, at: Fiel
             expected = str(context.get("expected") or context.get("expected_tags"))
             hint = nearest(str(found), expected.replace("'", "").replace(" or ", ", ").split(", "))[2:] or None
             problem = replace(problem, allowed=expected.replace("'", ""), hint=hint)
-        elif kind == "string_type" and isinstance(found, int | DecimalText):
+        elif kind == "string_type" and isinstance(found, int):
             problem = replace(problem, hint="put it in quotes")
         problems.append(problem)
     return problems

@@ -31,8 +31,9 @@ def _inequalities(value: Any, info: ValidationInfo) -> tuple[Expression, ...]:
     signs = set(parts[1::2])
     if len(parts) < 3 or len(signs) != 1 or re.search(r"[<>=]", "".join(parts[0::2])):
         raise wrong("an inequality of two or more sides is expected, all joined by <= or all by >=")
-    names = context.get("states") or ()
-    sides = [read_expression(part, names, context.get("parameters") or {}) for part in parts[0::2]]
+    parameters, states = context.get("parameters") or {}, context.get("states")
+    names = re.findall(r"[A-Za-z_]\w*", value, re.ASCII) if states is None else states
+    sides = [read_expression(part, names, parameters) for part in parts[0::2]]
     if "<=" in signs:
         sides.reverse()
     for side in sides:

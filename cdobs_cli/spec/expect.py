@@ -16,7 +16,7 @@ from cdobs_cli.errors import Problem
 from cdobs_cli.exact.expression import ExpressionError, nearest
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.families.fields import ExactNumber, NonNegativeNumber, bounded, read_exact, wrong
-from cdobs_cli.spec.block import Block
+from cdobs_cli.spec.block import Block, Text
 from cdobs_cli.spec.reader import DecimalText
 
 Relation = Literal["at_least", "at_most", "equals"]
@@ -48,12 +48,12 @@ class ExpectBlock(Block):
     """One expectation: a quantity, one relation, where the number comes from."""
 
     required: ClassVar[tuple[str, ...]] = ("quantity",)
-    quantity: Annotated[str, Field(min_length=1, max_length=200)] | None = None
+    quantity: Annotated[Text, Field(min_length=1, max_length=200)] | None = None
     at_least: ExactNumber | None = None
     at_most: ExactNumber | None = None
     equals: Equal | None = None
     tolerance: NonNegativeNumber | None = None
-    source: Annotated[str, Field(max_length=400)] | None = None
+    source: Annotated[Text, Field(max_length=400)] | None = None
 
 
 @dataclass(frozen=True)

@@ -66,12 +66,14 @@ class MeasurementBlock(Block):
     noise: BoxBlock | None = None
 
 
-def measurement_problems(measurement: MeasurementBlock, wrong_fields: set[str], plant: PlantBlock | None) -> Iterator[Problem]:
+def measurement_problems(
+    measurement: MeasurementBlock, wrong_fields: set[str], plant: PlantBlock | None, states: tuple[str, ...] | None
+) -> Iterator[Problem]:
     """C against the number of states, noise against the number of outputs, periods in order."""
-    if plant is not None and plant.states is not None and measurement.C is not None:
+    if states is not None and measurement.C is not None:
         p, width = measurement.C.shape
-        if width != len(plant.states):
-            yield from shape_problem(("measurement", "C"), (p, width), (p, len(plant.states)), "a column for each state")
+        if width != len(states):
+            yield from shape_problem(("measurement", "C"), (p, width), (p, len(states)), "a column for each state")
         if p > MAX_STATES:
             yield Problem(("measurement", "C"), f"at most {MAX_STATES} rows are taken", str(p))
     outputs = None if measurement.C is None else measurement.C.shape[0]

@@ -10,18 +10,20 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, Field
+from pydantic_core import PydanticCustomError
 
 from cdobs_cli.errors import Problem, SpecError
-from cdobs_cli.exact.expression import Expression, ExpressionError, Number, nearest
+from cdobs_cli.exact.expression import Expression, Number, nearest
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families import FAMILIES, Family
 from cdobs_cli.families.fields import read_exact
 from cdobs_cli.plant import Plant, TypedDynamics, coordinate_names
 from cdobs_cli.run import SimulationPlan
-from cdobs_cli.spec.block import Block, placed, read_block
+from cdobs_cli.spec.block import Block, Text, is_identifier, placed, read_block
+from cdobs_cli.spec.boxes import MAX_STATES
 from cdobs_cli.spec.expect import Expectation, ExpectBlock, expect_problems, expectation
 from cdobs_cli.spec.measurement_block import MeasurementBlock, measurement_problems, sampling_law
-from cdobs_cli.spec.plant_block import PlantBlock, plant_problems, typed_plant
+from cdobs_cli.spec.plant_block import MAX_PARAMETERS, PlantBlock, plant_problems, typed_plant
 from cdobs_cli.spec.reader import Document, FieldPath, read, shown
 from cdobs_cli.spec.simulation_block import SimulationBlock, plan, simulation_problems
 
@@ -33,7 +35,7 @@ class Header(Block):
 
     required: ClassVar[tuple[str, ...]] = ("spec_version", "plant", "measurement", "observer")
     spec_version: Literal[1] | None = None
-    title: Annotated[str, Field(max_length=200)] | None = None
+    title: Annotated[Text, Field(max_length=200)] | None = None
     plant: Any = None
     measurement: Any = None
     observer: Any = None
@@ -150,20 +152,17 @@ class _Loader:
 
         plant, plant_wrong = self.section(PlantBlock, root, "plant", context)
         if plant is not None:
-            if plant.states is None and context["states"] and len(context["states"]) == len(_entries(root["plant"].get("states"))):
-                # Names that are wrong still tell how many states there are.
-                plant = plant.model_copy(update={"states": tuple(context["states"])})
-            self.problems += plant_problems(plant, plant_wrong)
+            self.problems += plant_problems(plant, plant_wrong, context["states"], context["inputs"])
         measurement, measurement_wrong = self.section(MeasurementBlock, root, "measurement", context)
         if measurement is not None:
-            self.problems += measurement_problems(measurement, measurement_wrong, plant)
+            self.problems += measurement_problems(measurement, measurement_wrong, plant, context["states"])
         family = self.family(root.get("observer"), context) if root.get("observer") is not None else None
         simulation, simulation_wrong = self.section(SimulationBlock, root, "simulation", context)
         if simulation is not None:
             law = None if measurement is None or measurement.sampling is None else sampling_law(measurement)
             self.problems += simulation_problems(
                 simulation, simulation_wrong,
-                states=plant and plant.states, inputs=self.signalled(plant, family),
+                states=context["states"], inputs=self.signalled(context["inputs"], family),
                 outputs=_outputs(plant, measurement),
                 disturbed=plant is None or plant.disturbance is not None or "disturbance" in plant_wrong,
                 noisy=measurement is None or measurement.noise is not None or "noise" in measurement_wrong, law=law,
@@ -200,7 +199,7 @@ class _Loader:
             if other != "file":
                 self.problems.append(Problem(("plant", other), "goes into the plant's file", hint="`file` stands alone"))
         if not isinstance(name, str) or not name:
-            self.problems.append(placed(Problem(at, "a file name is expected", shown(name)), self.document))
+            self.document.problems.append(placed(Problem(at, "a file name is expected", shown(name)), self.document))
             root["plant"] = None
             self.document.refused.add(("plant",))
             return
@@ -226,22 +225,23 @@ class _Loader:
         return Problem(at, problem.what, problem.got or problem.file, problem.allowed, problem.hint, *where)
 
     def context(self, plant: Any) -> dict[str, Any]:
-        """Names for every expression below, as far as they can be read: what is wrong among them is told
-        where it stands, not again at each use."""
-        plant = plant if isinstance(plant, dict) else {}
-        states = [name for name in _entries(plant.get("states")) if isinstance(name, str)]
-        inputs = [name for name in _entries(plant.get("inputs")) if isinstance(name, str)]
+        """Names for every expression below, as far as they can be read. What is wrong among them is told where
+        it stands, not again at each use: None lets any name pass."""
+        if not isinstance(plant, dict):
+            return {"parameters": {}, "states": None, "inputs": None, "coordinates": None}
+        states, inputs = _names(plant.get("states"), list), _names(plant.get("inputs") or {}, dict)
         parameters: dict[str, Expression] = {}
         typed = plant.get("parameters")
-        for name, value in list(typed.items())[:200] if isinstance(typed, dict) else []:
+        for name, value in list(typed.items())[: MAX_PARAMETERS + 1] if isinstance(typed, dict) else []:
             try:
                 parameters[name] = read_exact(value, dict(parameters)).expression
-            except (ValueError, ExpressionError):
+            except PydanticCustomError as error:
+                self.problems.append(Problem(("plant", "parameters", name), str(error), shown(value)))
                 parameters[name] = Number(1)
-        names = states
-        if plant.get("coordinates") is not None:
-            names = list(coordinate_names(len(states[:64]), frozenset([*states, *inputs, *parameters])))
-        return {"parameters": parameters, "states": states, "inputs": inputs, "coordinates": names}
+        coordinates = states
+        if plant.get("coordinates") is not None and states is not None:
+            coordinates = coordinate_names(len(states), frozenset([*states, *(inputs or ()), *parameters]))
+        return {"parameters": parameters, "states": states, "inputs": inputs, "coordinates": coordinates}
 
     def family(self, value: Any, context: dict[str, Any]) -> Family | None:
         at: FieldPath = ("observer",)
@@ -259,13 +259,12 @@ class _Loader:
         self.problems += problems
         return block
 
-    def signalled(self, plant: PlantBlock | None, family: Family | None) -> tuple[str, ...]:
-        """The inputs that need a signal: all but those that the observer itself sets."""
-        if plant is None:
-            return ()
-        names = tuple(plant.inputs or ())
-        controlled = family.controlled(names) if family is not None else frozenset(names)
-        return tuple(name for name in names if name not in controlled)
+    def signalled(self, inputs: tuple[str, ...] | None, family: Family | None) -> tuple[str, ...] | None:
+        """The inputs that need a signal: all but those that the observer itself sets; None: not known."""
+        if inputs is None or family is None:
+            return inputs
+        controlled = family.controlled(inputs)
+        return tuple(name for name in inputs if name not in controlled)
 
     def expectations(self, value: Any) -> list[ExpectBlock]:
         if value is None:
@@ -290,8 +289,12 @@ class _Loader:
         return derive(typed)
 
 
-def _entries(value: Any) -> list[Any]:
-    return list(value)[:1024] if isinstance(value, list | dict) else []
+def _names(typed: Any, kind: type[list[Any]] | type[dict[str, Any]]) -> tuple[str, ...] | None:
+    """Names as they are typed; None where one of them cannot be used in an expression."""
+    if not isinstance(typed, kind) or len(typed) > MAX_STATES:
+        return None
+    names = tuple(typed)
+    return names if all(isinstance(name, str) and is_identifier(name) for name in names) else None
 
 
 def _outputs(plant: PlantBlock | None, measurement: MeasurementBlock | None) -> int | None:

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Discriminator, Tag
+from pydantic import Discriminator, Tag, WithJsonSchema
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.expression import Expression, nearest
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.families.fields import (
-    ExactNumber,
     Rows,
     formula,
     sized,
@@ -50,13 +49,17 @@ CoordinatesField = Annotated[
 ]
 
 
+# Read one after the other by the loader: a value may use the parameters above it.
+Parameter = Annotated[Any, WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}]})]
+
+
 class PlantBlock(Block):
     """xdot = A x + phi(x, u) + B u + d with bounds of the slopes of phi, or xdot = f(x, u), y = h(x)."""
 
     required: ClassVar[tuple[str, ...]] = ("states",)
     states: Annotated[tuple[Name, ...], sized(1, MAX_STATES)] | None = None
     inputs: dict[Name, InputBlock | None] | None = None
-    parameters: dict[Name, ExactNumber] | None = None
+    parameters: dict[Name, Parameter] | None = None
     A: Rows | None = None
     phi: _formulas("coordinates", "inputs") | None = None  # type: ignore[valid-type]
     B: Rows | None = None
@@ -68,13 +71,14 @@ class PlantBlock(Block):
     coordinates: CoordinatesField | None = None
 
 
-def plant_problems(plant: PlantBlock, wrong_fields: set[str]) -> Iterator[Problem]:
-    """Names, and shapes against the number of states; `wrong_fields` are already told."""
+def plant_problems(
+    plant: PlantBlock, wrong_fields: set[str], states: tuple[str, ...] | None, inputs: tuple[str, ...] | None
+) -> Iterator[Problem]:
+    """Names, and shapes against the number of states and inputs as typed; `wrong_fields` are already told."""
 
     def at(*path: str | int) -> tuple[str | int, ...]:
         return ("plant", *path)
 
-    states = plant.states
     yield from _name_problems(plant)
     if plant.dynamics is None and "dynamics" not in wrong_fields:
         for name in ("A", "phi", "lipschitz"):
@@ -90,14 +94,14 @@ def plant_problems(plant: PlantBlock, wrong_fields: set[str]) -> Iterator[Proble
             yield Problem(at(name), f"at most {count} are taken", str(len(getattr(plant, name) or ())))
     if states is None:
         return
-    n, m = len(states), len(plant.inputs or ())
+    n = len(states)
     if plant.A is not None:
         yield from shape_problem(at("A"), plant.A.shape, (n, n), "a row and a column for each state")
-    if plant.B is not None:
-        if m == 0:
+    if plant.B is not None and inputs is not None:
+        if not inputs:
             yield Problem(at("B"), "needs `inputs`, none is declared")
         else:
-            yield from shape_problem(at("B"), plant.B.shape, (n, m), "a row for each state, a column for each input")
+            yield from shape_problem(at("B"), plant.B.shape, (n, len(inputs)), "a row for each state, a column for each input")
     for name in ("phi", "dynamics"):
         yield from length_problem(at(name), getattr(plant, name), n, "one expression for each state")
     if isinstance(plant.coordinates, MapBlock):

@@ -157,11 +157,11 @@ def _bytes(path: Path) -> bytes:
     except (OSError, ValueError) as error:
         reason = (error.strerror or "unreadable").lower() if isinstance(error, OSError) else "not a file name"
         raise _refusal(file, f"the file cannot be read: {reason}", None, None) from None
+    mode = os.fstat(handle).st_mode
+    if not stat.S_ISREG(mode):
+        os.close(handle)
+        raise _refusal(file, "a YAML file is expected", None, None, got="a directory" if stat.S_ISDIR(mode) else "not a regular file")
     with os.fdopen(handle, "rb") as stream:
-        mode = os.fstat(handle).st_mode
-        if not stat.S_ISREG(mode):
-            kind = "a directory" if stat.S_ISDIR(mode) else "not a regular file"
-            raise _refusal(file, "a YAML file is expected", None, None, got=kind)
         try:
             data = stream.read(MAX_BYTES + 1)
         except OSError as error:

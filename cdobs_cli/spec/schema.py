@@ -56,6 +56,11 @@ def _require(name: str, definition: dict[str, Any]) -> None:
     required = next((block.required for block in _blocks() if block.__name__ == name), ())
     if required:
         definition["required"] = sorted({*definition.get("required", []), *required})
+        for field in required:
+            # None stands for "not given" in the model; an editor should not offer it.
+            entry = definition["properties"][field]
+            entry["anyOf"] = [option for option in entry["anyOf"] if option != {"type": "null"}]
+            entry.pop("default", None)
 
 
 def _blocks() -> list[Any]:

@@ -58,7 +58,7 @@ def simulation_problems(
     wrong_fields: set[str],
     *,
     states: tuple[str, ...] | None,
-    inputs: tuple[str, ...],
+    inputs: tuple[str, ...] | None,
     outputs: int | None,
     disturbed: bool,
     noisy: bool,
@@ -91,13 +91,13 @@ def _signal_problems(
     signals: SignalsBlock,
     wrong_fields: set[str],
     n: int | None,
-    inputs: tuple[str, ...],
+    inputs: tuple[str, ...] | None,
     outputs: int | None,
     disturbed: bool,
     noisy: bool,
 ) -> Iterator[Problem]:
     at = ("simulation", "signals")
-    given = signals.inputs
+    given, inputs = signals.inputs, tuple(signals.inputs) if inputs is None else inputs
     for name in given:
         if name not in inputs:
             allowed = [*inputs, "d", "v"]
