@@ -31,8 +31,12 @@ class Region:
         """All states and inputs of a plant; without a range a name has the whole line."""
         ends = dict(plant.domain.box)
         ends |= {source.name: source.range for source in plant.inputs if source.range is not None}
-        names = plant.states + tuple(source.name for source in plant.inputs)
-        return Region({name: _range(ends[name]) if name in ends else LINE for name in names}, ends, plant.domain.where)
+        return Region.made(ends, plant.states + tuple(source.name for source in plant.inputs), plant.domain.where)
+
+    @staticmethod
+    def made(ends: Mapping[str, Interval], names: tuple[str, ...], where: tuple[Expression, ...]) -> Region:
+        """A region over `names`, unbounded where no ends are given."""
+        return Region({name: _range(ends[name]) if name in ends else LINE for name in names}, dict(ends), where)
 
     @property
     def names(self) -> tuple[str, ...]:

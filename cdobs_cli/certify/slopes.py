@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from flint import arb
 
 from cdobs_cli.certificate import Claim, Status, Witness
+from cdobs_cli.certify.bounded import FULL, Bounded, bounded, least_bound
+from cdobs_cli.certify.definedness import Definedness, conditions, defined, defined_claim
+from cdobs_cli.certify.invariance import domain_invariant
 from cdobs_cli.certify.points import high_points, point_balls
 from cdobs_cli.certify.region import Region, point_text
 from cdobs_cli.exact.expression import ZERO, Expression
 from cdobs_cli.exact.functions import fraction_ball
-from cdobs_cli.exact.numbers import Exact, fraction_text, lower_text, upper_text
-from cdobs_cli.exact.ranges import range_of
+from cdobs_cli.exact.numbers import Exact, fraction_text, lower_text
+from cdobs_cli.exact.ranges import Range, range_of
+from cdobs_cli.exact.rational import simplify
 from cdobs_cli.plant import Plant
 
 SOURCE = "the slope premise of every family (Dinh2014, Assumption 1; Boukal2020, Section II)"
@@ -28,23 +33,33 @@ def slope_claims(plant: Plant) -> tuple[Claim, ...]:
     for secants between any two of its points, which is what the error equation needs.
 
     Returns: claims `slopes.<i>.<j>` (from 1), required; proved, refuted with an exact point, or undecided
-    with what would settle them.
+    with what would settle them. Besides, not required, `defined` where phi may be undefined somewhere, and
+    `domain_invariant` where a domain is given.
     """
     region = Region.of(plant)
+    judged = tuple(defined(phi, region) for phi in plant.phi)
     claims = []
     for i, phi in enumerate(plant.phi):
         for j, name in enumerate(plant.states):
             slope = phi.derivative(name)
             if slope != ZERO or (i, j) in plant.slopes.entries:
-                claims.append(_claim(plant, i, j, slope, region))
+                claims.append(_claim(plant, i, j, slope, region, judged[i]))
+    if any(True for phi in plant.phi for _ in conditions(phi)):
+        claims.append(defined_claim(plant, judged, region))
+    if plant.domain:
+        claims.append(domain_invariant(plant))
     return tuple(claims)
 
 
-def _claim(plant: Plant, i: int, j: int, slope: Expression, region: Region) -> Claim:
+def _claim(plant: Plant, i: int, j: int, slope: Expression, region: Region, judged: Definedness) -> Claim:
     low, high = plant.slopes.lower[i, j], plant.slopes.upper[i, j]
-    name = plant.states[j]
-    statement = f"{low} <= d phi_{i + 1} / d {name} = {slope} <= {high} for {region.text() or 'all states'}"
-    decided = decide(slope, low, high, region)
+    statement = f"{low} <= d phi_{i + 1} / d {plant.states[j]} = {simplify(slope)} <= {high} for {region.text()}"
+    if judged.status == "proved":
+        decided = decide(slope, low, high, region)
+    else:
+        witness = Witness("point", "plant", data={"point": point_text(judged.point)}) if judged.point else None
+        reason = f"phi_{i + 1} is not {'proved to be ' if judged.status == 'undecided' else ''}defined there, {judged.condition} is needed"
+        decided = Decision(judged.status, "definedness", witness=witness, reason=reason)
     return Claim(
         f"slopes.{i + 1}.{j + 1}", "premise", decided.status, statement if decided.reason is None else f"{statement}: {decided.reason}",
         SOURCE, required=True, margin=decided.margin, method=decided.method, witness=decided.witness,
@@ -67,24 +82,6 @@ def resolve(plant: Plant) -> tuple[Plant, dict[str, tuple[str, str]]]:
     return replace(plant, slopes=replace(plant.slopes, auto=missing)) if missing else plant.with_slopes(found), found
 
 
-def automatic(slope: Expression, region: Region) -> tuple[str, str] | None:
-    """A proved enclosure of the slope over the region, or None where none was found."""
-    enclosure = range_of(slope, region.box)
-    if not enclosure.is_finite:
-        return None
-    return _short_below(Fraction(enclosure.lower)), _short_above(Fraction(enclosure.upper))
-
-
-def _short_below(value: Fraction) -> str:
-    text = fraction_text(value)
-    return text if len(text) <= 8 and "/" not in text else lower_text(fraction_ball(value), 4)
-
-
-def _short_above(value: Fraction) -> str:
-    text = fraction_text(value)
-    return text if len(text) <= 8 and "/" not in text else upper_text(fraction_ball(value), 4)
-
-
 @dataclass(frozen=True)
 class Decision:
     """What became of one bound: `reason` says what is left where it is undecided."""
@@ -100,18 +97,64 @@ def decide(slope: Expression, low: Exact, high: Exact, region: Region) -> Decisi
     """Proved, refuted or undecided: low <= slope <= high over the region."""
     enclosure = range_of(slope, region.box)
     if enclosure.is_finite:
-        above = _distance(high, Fraction(enclosure.upper))
-        below = _distance(-low, -Fraction(enclosure.lower))
-        margin = above.min(below)
+        margin = _distance(high, Fraction(enclosure.upper)).min(_distance(-low, -Fraction(enclosure.lower)))
         if margin >= 0:
             return Decision("proved", "range of the functions", lower_text(margin))
-    for side, limit in ((slope, high), (-slope, -low)):
+    sides = (("above", slope, high), ("below", -slope, -low))
+    for _, side, limit in sides:
         for point in high_points(side, region):
-            excess = side.ball(point_balls(point)) - limit.ball()
-            if excess > 0 and region.holds(point):
-                witness = Witness("point", "plant", data={"point": point_text(point), "slope": lower_text(slope.ball(point_balls(point)))})
-                return Decision("refuted", "exact point", lower_text(-excess), witness)
-    return Decision("undecided", "range of the functions", reason="the range of the functions alone does not decide it")
+            refuted = _refuted(slope, side, limit, point, region)
+            if refuted is not None:
+                return refuted
+    margins, open_sides = [], []
+    for name, side, limit in sides:
+        bound = bounded(side, region, limit, FULL)
+        if bound.point is not None:
+            refuted = _refuted(slope, side, limit, bound.point, region)
+            if refuted is not None:
+                return refuted
+        if bound.status == "proved":
+            margins.append(limit.ball() - arb(bound.value))
+        else:
+            open_sides.append(_left(name, side, region, bound))
+    if open_sides:
+        return Decision("undecided", "branch and bound", reason="; ".join(open_sides))
+    return Decision("proved", "branch and bound", lower_text(margins[0].min(margins[1]).max(arb(0))))
+
+
+def _refuted(slope: Expression, side: Expression, limit: Exact, point: Mapping[str, Fraction], region: Region) -> Decision | None:
+    at = point_balls(point)
+    excess = side.ball(at) - limit.ball()
+    if not excess > 0 or not region.holds(point):
+        return None
+    value = range_of(slope, {name: Range.point(end) for name, end in point.items()})
+    text = fraction_text(value.lower) if value.is_point and isinstance(value.lower, Fraction) else lower_text(slope.ball(at))
+    witness = Witness("point", "plant", data={"point": point_text(point), "slope": text})
+    return Decision("refuted", "exact point", lower_text(-excess), witness)
+
+
+def _left(name: str, side: Expression, region: Region, bound: Bounded) -> str:
+    """What is left, and what would settle it."""
+    parts = [f"open {name}"]
+    if bound.box:
+        parts.append("near " + ", ".join(f"{name} in [{low:.6g}, {high:.6g}]" for name, (low, high) in bound.box.items()))
+    least = least_bound(side, region)
+    if least is None:
+        parts.append(f"no finite bound was found; bound {', '.join(region.unbounded) or 'the domain more tightly'}")
+    else:
+        parts.append(f"{least if name == 'above' else _negated(least)} would be proved")
+    return ", ".join(parts)
+
+
+def _negated(text: str) -> str:
+    return fraction_text(-Fraction(text))
+
+
+def automatic(slope: Expression, region: Region) -> tuple[str, str] | None:
+    """A proved enclosure of the slope over the region, or None where none was found."""
+    high = least_bound(slope, region)
+    low = least_bound(-slope, region) if high is not None else None
+    return None if high is None or low is None else (_negated(low), high)
 
 
 def _distance(limit: Exact, value: Fraction) -> arb:

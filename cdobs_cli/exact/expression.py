@@ -489,7 +489,8 @@ def _text(node: Expression, level: int) -> str:
     if isinstance(node, Power):
         exponent = str(node.exponent)
         exponent = exponent if node.exponent.denominator == 1 and node.exponent > 0 else f"({exponent})"
-        return f"{_text(node.base, 4)}**{exponent}"
+        text = f"{_text(node.base, 4)}**{exponent}"
+        return f"({text})" if level > 3 else text
     assert isinstance(node, Call)
     if node.function not in _INFIX:
         return f"{node.function}({', '.join(_text(child, 0) for child in node.children)})"
@@ -498,6 +499,12 @@ def _text(node: Expression, level: int) -> str:
     if node.function == "multiply" and left == MINUS_ONE:
         text = f"-{_text(right, 3)}"
         return f"({text})" if level > 0 else text
+    if node.function == "add" and isinstance(right, Number) and right.value < 0:
+        text = f"{_text(left, own)} - {_text(Number(-right.value), 2)}"
+        return f"({text})" if level > own else text
+    if node.function == "add" and isinstance(right, Call) and right.function == "multiply" and right.children[0] == MINUS_ONE:
+        text = f"{_text(left, own)} - {_text(right.children[1], 2)}"
+        return f"({text})" if level > own else text
     text = f"{_text(left, own)} {sign} {_text(right, own if node.function != 'divide' else own + 1)}"
     # a * (b / c) must keep its brackets: the printed text is read back to the same tree.
     if node.function == "multiply" and isinstance(right, Call) and right.function in ("multiply", "divide"):

@@ -79,3 +79,118 @@ def test_automatic_slopes_of_simple_functions_are_the_attained_ones():
     assert found == {"2.1": ("0", "1"), "2.2": ("-0.3", "0.3")}
     assert not resolved.slopes.auto
     assert resolved.slopes.uncertain == ((1, 0), (1, 1))
+
+
+BIOREACTOR = ["-u*x1", "0.1*u - (1 + u + 2*0.1*u/x1)*x2 + (2/x1 + 0.1*u/x1**2)*x2**2"]
+
+
+def bioreactor(below="2.05", second="6.51", auto=()):
+    """The Contois bioreactor in normal form, S_in = 0.1; d f2 / d x1 has the true range [-2, 0.893]."""
+    return make_plant(
+        ["x1", "x2"],
+        BIOREACTOR,
+        [["-0.5", "0"], [f"-{below}", f"-{second}"]],
+        [["-0.05", "0"], ["0.893", second]],
+        box={"x1": ("0.02", "1"), "x2": ("0", "1")},
+        where=["x1 - x2"],
+        inputs={"u": ("0.05", "0.5")},
+        auto=auto,
+    )
+
+
+def test_bioreactor_slopes_are_proved_on_its_triangle_and_their_twins_refuted():
+    assert status(bioreactor("2.05", "6.51"), "slopes.2.1") == "proved"
+    assert status(bioreactor("2.05", "6.51"), "slopes.2.2") == "proved"
+    assert status(bioreactor("1.99", "6.49"), "slopes.2.1") == "refuted"
+    assert status(bioreactor("1.99", "6.49"), "slopes.2.2") == "refuted"
+
+
+def test_bioreactor_without_its_triangle_is_refuted():
+    plant = bioreactor()
+    square = make_plant(
+        plant.states, BIOREACTOR, plant.slopes.lower.texts(), plant.slopes.upper.texts(),
+        box={"x1": ("0.02", "1"), "x2": ("0", "1")}, inputs={"u": ("0.05", "0.5")},
+    )  # fmt: skip
+    assert status(square, "slopes.2.1") == "refuted"
+
+
+def test_an_attained_bound_inside_is_undecided_and_says_what_would_be_proved():
+    claim = next(claim for claim in slope_claims(bioreactor("2")) if claim.id == "slopes.2.1")
+    assert claim.status == "undecided"
+    assert "-2.00" in claim.statement and "would be proved" in claim.statement
+
+
+def test_automatic_bioreactor_slopes_are_within_one_per_cent_of_the_true_ranges():
+    _, found = resolve(bioreactor(auto=[(0, 0), (1, 0), (1, 1)]))
+    true = {"1.1": (-0.5, -0.05), "2.1": (-2, 25 / 28), "2.2": (-6.5, 2.95)}
+    for entry, (low, high) in true.items():
+        room = 0.01 * (high - low)
+        assert low - room <= float(found[entry][0]) <= low
+        assert high <= float(found[entry][1]) <= high + room
+
+
+@pytest.mark.parametrize("a", ["2", "2.1"])
+def test_van_der_pol_is_exact_on_a_box(a):
+    phi = ["0", "0.7*(1 - x1**2)*x2"]
+    box = {"x1": (f"-{a}", a), "x2": ("-3", "3.3")}
+    corner, end = Fraction("1.4") * Fraction(a) * Fraction("3.3"), Fraction("0.7") * (1 - Fraction(a) ** 2)
+    _, found = resolve(make_plant(["x1", "x2"], phi, box=box, auto=[(1, 0), (1, 1)]))
+    assert [Fraction(value) for value in found["2.1"]] == [-corner, corner]
+    assert [Fraction(value) for value in found["2.2"]] == [end, Fraction("0.7")]
+    tight = make_plant(["x1", "x2"], phi, [["0", "0"], [str(-corner), str(end)]], [["0", "0"], [str(corner), "0.7"]], box)
+    assert status(tight, "slopes.2.1") == status(tight, "slopes.2.2") == "proved"
+
+
+@pytest.mark.parametrize(
+    ("phi", "low", "high"),
+    [
+        ("sin(a) + 0.5*cos(2*a)", -1.7602, 1.7602),  # periodic: extrema of cos a - sin 2a
+        ("a/(1 + a**2)", -0.125, 1),  # rational tails
+        ("exp(-a**2)", -0.857764, 0.857764),  # decaying tails
+        ("log(1 + a**2)", -1, 1),
+        ("min(a, 0.3) + max(a, 0.3)", 1, 1),  # kinks that cancel
+        ("max(0, a) + 3*min(0, a)", 1, 3),
+        ("a*abs(a)/(1 + abs(a))", 0, 1),
+    ],
+)
+def test_unbounded_domains_by_periods_tails_and_kinks(phi, low, high):
+    _, found = resolve(make_plant(["a", "b"], ["0", phi], auto=[(1, 0)]))
+    proved = [float(value) for value in found["2.1"]]
+    room = 0.01 * (high - low) + 1e-9
+    assert low - room <= proved[0] <= low + 1e-4
+    assert high - 1e-4 <= proved[1] <= high + room
+
+
+def test_an_unbounded_slope_has_no_automatic_bound():
+    resolved, found = resolve(make_plant(["a", "b"], ["0", "a**2 + sin(b)"], auto=[(1, 0), (1, 1)]))
+    assert found == {"2.2": ("-1", "1")}
+    assert resolved.slopes.auto == {(1, 0)}
+
+
+@pytest.mark.parametrize(
+    ("phi", "box", "expected"),
+    [
+        ("a/a", {}, "refuted"),
+        ("1/a", {"a": ("-1", "1")}, "refuted"),
+        ("1/a", {"a": ("0", "1")}, "refuted"),
+        ("1/a", {"a": ("0.1", "1")}, "proved"),
+        ("log(a)", {"a": ("-0.1", "1")}, "refuted"),
+        ("sqrt(a - 0.5)", {"a": ("0.5", "1")}, "proved"),
+        ("sqrt(a - 0.5)", {"a": ("0.4", "1")}, "refuted"),
+        ("1/(a**2 - 2)", {"a": ("1", "2")}, "refuted"),
+        ("tan(a)", {"a": ("-1.57", "1.57")}, "proved"),
+        ("tan(a)", {"a": ("-1.58", "1.58")}, "refuted"),
+    ],
+)
+def test_definedness_is_judged_on_the_typed_expression(phi, box, expected):
+    plant = make_plant(["a", "b"], ["0", phi], box=box)
+    assert status(plant, "defined") == expected
+    if expected == "refuted":
+        assert status(plant, "slopes.2.1") == "refuted"
+
+
+def test_the_domain_of_an_epidemic_is_invariant_and_that_of_a_spring_is_not():
+    epidemic = make_plant(["S", "I"], ["-0.5*S*I", "0.5*S*I - 0.2*I"], box={"S": ("0", "1"), "I": ("0", "1")}, where=["1 - S - I"])
+    assert status(epidemic, "domain_invariant") == "proved"
+    spring = make_plant(["x", "v"], ["v", "-x"], box={"x": ("-1", "1"), "v": ("-1", "1")})
+    assert status(spring, "domain_invariant") == "refuted"

@@ -1,0 +1,313 @@
+"""Branch and bound: is f <= c over a convex region? Every leaf is decided in outward arithmetic.
+
+Over a box X with centre m the bound is the least of the range of f, the mean-value form
+
+    f(x) <= f(m) + sum_j sup g_j(X) (X_j - m_j),      g_j = d f / d x_j,
+
+the same with affine limits w(x) >= 0 of the region taken in by multipliers lambda >= 0 (f <= f + lambda w
+inside the region, and the slopes of the sum cancel along the limit), and either of them on the face on
+which f is largest where it is monotone. Boxes are split where g_j times the width is largest (smear).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from math import inf
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cdobs_cli.certify.region import Region
+from cdobs_cli.exact import boxes
+from cdobs_cli.exact.boxes import Array, Ends, Evaluator, Jet
+from cdobs_cli.exact.expression import Expression
+from cdobs_cli.exact.functions import fraction_ball
+from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.exact.ranges import Range, range_of
+
+CHUNK = 2048
+_NEAR = 1e-9
+
+
+@dataclass(frozen=True)
+class Supremum:
+    """The outcome of one search. `bound`: f <= bound was proved. `box`: what is left, worst first. `point`:
+    a point of the region, in floats, where f seems to exceed c."""
+
+    status: Literal["proved", "exceeded", "undecided"]
+    bound: float
+    count: int
+    box: Mapping[str, tuple[float, float]] | None = None
+    point: Mapping[str, Fraction] | None = None
+
+
+class _Search:
+    def __init__(self, forms: Sequence[Expression], region: Region, limit: Exact) -> None:
+        self.region, self.limit, self.forms = region, limit, tuple(forms)
+        self.evaluators = [Evaluator(form, region.names) for form in forms]
+        ball = limit.ball()
+        self.c_low, self.c_high = (float(end[0]) for end in boxes.constant(ball, 1))
+        self.w = [_Affine(w, region.names) for w in region.where]
+
+    def first(self) -> tuple[Array, Array]:
+        ends = [boxes.constant(fraction_ball(Fraction(end)), 1) if end not in (inf, -inf) else (np.array([end]),) * 2
+                for one in self.region.box.values() for end in (one.lower, one.upper)]  # fmt: skip
+        low = np.array([[float(end[0][0]) for end in ends[0::2]]])
+        high = np.array([[float(end[1][0]) for end in ends[1::2]]])
+        return low, high
+
+    def run(self, budget: int) -> Supremum:
+        low, high = self.first()
+        upper = np.array([inf])
+        count = 0
+        decided = -inf
+        while len(low):
+            if count >= budget:
+                return self.left("undecided", low, high, upper, count, decided)
+            order = np.argsort(-upper, kind="stable")
+            take, keep = order[:CHUNK], order[CHUNK:]
+            X, rest = (low[take], high[take]), (low[keep], high[keep], upper[keep])
+            count += len(take)
+            X = self.contract(X)
+            if not len(X[0]):
+                low, high, upper = rest
+                continue
+            step = self.judge(X)
+            if step.point is not None:
+                return Supremum("exceeded", inf, count, point=step.point)
+            still = step.open
+            decided = max(decided, float(np.max(np.where(still, -inf, step.upper), initial=-inf)))
+            new = _split((X[0][still], X[1][still]), step.smear[still])
+            if new is None:
+                return self.left("undecided", X[0][still], X[1][still], step.upper[still], count, decided)
+            low, high = np.vstack([rest[0], new[0]]), np.vstack([rest[1], new[1]])
+            upper = np.concatenate([rest[2], np.tile(step.upper[still], 2)])
+        return Supremum("proved", min(decided, self.c_high), count)
+
+    def left(self, status: Literal["undecided"], low: Array, high: Array, upper: Array, count: int, decided: float) -> Supremum:
+        worst = int(np.argmax(upper))
+        box = {name: (float(low[worst, j]), float(high[worst, j])) for j, name in enumerate(self.region.names)}
+        return Supremum(status, max(decided, float(upper[worst])), count, box)
+
+    def contract(self, X: tuple[Array, Array]) -> tuple[Array, Array]:
+        for w in self.w:
+            X = w.contract(X)
+        kept = ~np.any(X[0] > X[1], axis=1)
+        return X[0][kept], X[1][kept]
+
+    def judge(self, X: tuple[Array, Array]) -> _Step:
+        low, high = X
+        middle = _middle(low, high)
+        upper = np.full(len(low), inf)
+        smear = np.zeros_like(low)
+        width = high - low
+        grown, shrunk = np.zeros(low.shape, dtype=bool), np.zeros(low.shape, dtype=bool)
+        at_middle = np.full(len(low), -inf)
+        for evaluator in self.evaluators:
+            jet = evaluator.jet(low, high)
+            value = evaluator.value(middle, middle)
+            at_middle = np.maximum(at_middle, value[0])
+            form, slopes = self.mean_value(X, middle, jet, value)
+            upper = np.minimum(upper, np.minimum(jet.value[1], form))
+            for j in range(low.shape[1]):
+                g = jet.gradient.get(j)
+                if g is None:
+                    # f does not depend on x_j.
+                    grown[:, j] = True
+                    continue
+                grown[:, j] |= g[0] >= 0
+                shrunk[:, j] |= g[1] <= 0
+                with np.errstate(all="ignore"):
+                    smear[:, j] = np.fmax(smear[:, j], slopes[j] * width[:, j])
+        point = self.exceeding(middle, at_middle)
+        still = ~(upper <= self.c_low)
+        if point is None and np.any(still):
+            face = (np.where(grown, high, low), np.where(shrunk & ~grown, low, high))
+            part = np.flatnonzero(still & np.any(grown | shrunk, axis=1))
+            if len(part):
+                upper[part] = np.minimum(upper[part], self.on_face((face[0][part], face[1][part])))
+                still = ~(upper <= self.c_low)
+            for k in np.flatnonzero(still & (upper <= self.c_high + _NEAR * (1 + abs(self.c_high))))[:64]:
+                if self.exactly(face[0][k], face[1][k]):
+                    upper[k], still[k] = self.c_high, False
+        return _Step(upper, still, smear, point)
+
+    def on_face(self, X: tuple[Array, Array]) -> Array:
+        upper = np.full(len(X[0]), inf)
+        middle = _middle(*X)
+        for evaluator in self.evaluators:
+            jet = evaluator.jet(*X)
+            form, _ = self.mean_value(X, middle, jet, evaluator.value(middle, middle), limits=False)
+            upper = np.minimum(upper, np.minimum(jet.value[1], form))
+        return upper
+
+    def mean_value(
+        self, X: tuple[Array, Array], middle: Array, jet: Jet, value: Ends, *, limits: bool = True
+    ) -> tuple[Array, dict[int, Array]]:
+        """Upper end of the mean-value form, and the sizes of the slopes used."""
+        low, high = X
+        count, n = low.shape
+        zero = (np.zeros(count), np.zeros(count))
+        with np.errstate(all="ignore"):
+            from_middle = [boxes.add((low[:, j], high[:, j]), (-middle[:, j], -middle[:, j])) for j in range(n)]
+            gradient = [jet.gradient.get(j, zero) for j in range(n)]
+            best = _form(value, gradient, from_middle)
+            for w in self.w if limits else ():
+                at_middle = w.value((middle, middle))
+                for j in range(n):
+                    if not w.slopes[j][0] and not w.slopes[j][1]:
+                        continue
+                    g = gradient[j]
+                    multiplier = np.maximum(0.0, -(g[0] + g[1]) / (2 * w.slopes[j][0]))
+                    multiplier = np.where(np.isfinite(multiplier), multiplier, 0.0)
+                    factor = (multiplier, multiplier)
+                    raised = boxes.add(value, boxes.multiply(factor, at_middle))
+                    turned = [boxes.add(gradient[i], boxes.multiply(factor, w.slope(i, count))) for i in range(n)]
+                    form = _form(raised, turned, from_middle)
+                    better = form < best
+                    best = np.where(better, form, best)
+        return best, {j: np.maximum(np.abs(g[0]), np.abs(g[1])) for j, g in enumerate(gradient)}
+
+    def exceeding(self, middle: Array, at_middle: Array) -> dict[str, Fraction] | None:
+        high = np.flatnonzero(at_middle > self.c_high)
+        for k in high[np.argsort(-at_middle[high])][:8]:
+            point = {name: Fraction(float(middle[k, j])) for j, name in enumerate(self.region.names)}
+            if self.region.holds(point):
+                return point
+        return None
+
+    def exactly(self, low: Array, high: Array) -> bool:
+        """f <= c on a face in exact ends: decides boxes on which c is attained at an end of the region."""
+        ranges = {}
+        for j, (name, ends) in enumerate(self.region.box.items()):
+            exact = [Fraction(float(value)) if np.isfinite(value) else float(value) for value in (low[j], high[j])]
+            for k in (0, 1):
+                for end, side in ((ends.lower, 0), (ends.upper, 1)):
+                    if isinstance(end, Fraction) and exact[k] == _outward(end, side):
+                        exact[k] = end
+            ranges[name] = Range(exact[0], exact[1])
+        for form in self.forms:
+            upper = range_of(form, ranges).upper
+            if not isinstance(upper, Fraction):
+                continue
+            rational = self.limit.rational
+            if upper <= rational if rational is not None else bool(fraction_ball(upper) <= self.limit.ball()):
+                return True
+        return False
+
+
+@dataclass(frozen=True)
+class _Step:
+    upper: Array
+    open: NDArray[np.bool_]
+    smear: Array
+    point: dict[str, Fraction] | None
+
+
+def _outward(end: Fraction, side: int) -> Fraction | None:
+    value = float(boxes.constant(fraction_ball(end), 1)[side][0])
+    return Fraction(value) if np.isfinite(value) else None
+
+
+def _form(value: Ends, gradient: Sequence[Ends], from_middle: Sequence[Ends]) -> Array:
+    total = value
+    for g, step in zip(gradient, from_middle, strict=True):
+        total = boxes.add(total, boxes.multiply(g, step))
+    return total[1]
+
+
+def _middle(low: Array, high: Array) -> Array:
+    """A point of each box; the finite end, or 0, where it is unbounded."""
+    with np.errstate(all="ignore"):
+        middle = np.clip(low / 2 + high / 2, low, high)
+    both = np.isinf(low) & np.isinf(high)
+    middle = np.where(np.isinf(low) & ~both, high, np.where(np.isinf(high) & ~both, low, middle))
+    return np.where(both, 0.0, middle)
+
+
+def _split(X: tuple[Array, Array], smear: Array) -> tuple[Array, Array] | None:
+    """Two halves of each box; None where a box is as small as floats allow."""
+    low, high = X
+    if not len(low):
+        return low, high
+    width = high - low
+    # An unbounded side first, then infinite slopes by width, then the smear.
+    relative = width / (1e-300 + np.max(np.where(np.isfinite(width), width, 0.0), axis=1, keepdims=True))
+    score = np.where(np.isnan(smear) | (smear == 0), 0.0, smear)
+    blind = ~np.isfinite(np.max(score, axis=1)) | (np.max(score, axis=1) <= 0)
+    score = np.where(blind[:, None], np.where(np.isfinite(score) & (score == 0) & np.any(score > 0, axis=1)[:, None], 0.0, relative), score)
+    score = np.where(np.isinf(width) & (smear != 0), inf, score)
+    axis = np.argmax(score, axis=1)
+    rows = np.arange(len(low))
+    a, b = low[rows, axis], high[rows, axis]
+    with np.errstate(all="ignore"):
+        cut = a / 2 + b / 2
+        cut = np.where(np.isinf(a) & np.isinf(b), 0.0, cut)
+        cut = np.where(np.isinf(b) & np.isfinite(a), np.maximum(1.0, 4 * a), cut)
+        cut = np.where(np.isinf(a) & np.isfinite(b), np.minimum(-1.0, 4 * b), cut)
+    if np.any((cut <= a) | (cut >= b)):
+        return None
+    left_high, right_low = high.copy(), low.copy()
+    left_high[rows, axis], right_low[rows, axis] = cut, cut
+    return np.vstack([low, right_low]), np.vstack([left_high, high])
+
+
+class _Affine:
+    """w(x) = w_0 + sum_j w_j x_j as outward floats."""
+
+    def __init__(self, w: Expression, names: Sequence[str]) -> None:
+        slopes = [w.derivative(name) for name in names]
+        if any(slope.variables for slope in slopes):
+            raise ValueError(f"{w} is not affine")
+        origin = {name: fraction_ball(Fraction(0)) for name in names}
+        self.offset = tuple(float(end[0]) for end in boxes.constant(w.ball(origin), 1))
+        self.slopes = [tuple(float(end[0]) for end in boxes.constant(slope.ball({}), 1)) for slope in slopes]
+
+    def slope(self, j: int, count: int) -> Ends:
+        return np.full(count, self.slopes[j][0]), np.full(count, self.slopes[j][1])
+
+    def parts(self, X: tuple[Array, Array]) -> list[Ends]:
+        count = len(X[0])
+        offset = np.full(count, self.offset[0]), np.full(count, self.offset[1])
+        return [offset, *(boxes.multiply(self.slope(j, count), (X[0][:, j], X[1][:, j])) for j in range(X[0].shape[1]))]
+
+    def value(self, X: tuple[Array, Array]) -> Ends:
+        total, *parts = self.parts(X)
+        for part in parts:
+            total = boxes.add(total, part)
+        return total
+
+    def contract(self, X: tuple[Array, Array]) -> tuple[Array, Array]:
+        """The part of each box that w >= 0 leaves (a superset of it, as a box; reversed ends where empty)."""
+        low, high = X[0].copy(), X[1].copy()
+        with np.errstate(all="ignore"):
+            parts = self.parts((low, high))
+            empty = self.value((low, high))[1] < 0
+            for j in range(low.shape[1]):
+                if self.slopes[j] == (0.0, 0.0) or self.slopes[j][0] * self.slopes[j][1] <= 0:
+                    continue
+                rest = parts[0]
+                for i, part in enumerate(parts[1:]):
+                    if i != j:
+                        rest = boxes.add(rest, part)
+                # w_j x_j >= -rest, at best -sup rest.
+                most = rest[1]
+                edge = boxes.multiply((-most, -most), boxes.inverse(self.slope(j, len(low))))
+                if self.slopes[j][0] > 0:
+                    low[:, j] = np.where(np.isfinite(most), np.maximum(low[:, j], edge[0]), low[:, j])
+                else:
+                    high[:, j] = np.where(np.isfinite(most), np.minimum(high[:, j], edge[1]), high[:, j])
+        low[empty], high[empty] = 0.0, -1.0
+        return low, high
+
+
+def supremum(forms: Sequence[Expression], region: Region, limit: Exact, budget: int) -> Supremum:
+    """Decide f <= limit over the region, within `budget` boxes.
+
+    Args:
+        forms: expressions of the same function f; each box takes the best of them.
+    """
+    return _Search(forms, region, limit).run(budget)

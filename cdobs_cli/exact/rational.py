@@ -1,0 +1,268 @@
+"""Expressions as quotients of polynomials with rational coefficients, cancelled exactly.
+
+The generators are the variables and every part that is not rational (`sin(..)`, `sqrt(..)`, `pi`, ..), each
+with its own argument brought to this form first. Cancelling may enlarge the set where a value is defined
+(x/x becomes 1), so definedness is judged elsewhere, on the typed tree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from math import comb, lcm
+from typing import Any
+
+from flint import Ordering, fmpq, fmpq_mpoly_ctx
+
+from cdobs_cli.exact.expression import ONE, ZERO, Call, Constant, Expression, ExpressionError, Number, Power, Variable, call, power
+
+MAX_TERMS = 600
+MAX_DEGREE = 64
+_FACTORED_TERMS = 80
+
+
+class TooLargeError(ValueError):
+    """The polynomials grew beyond use."""
+
+
+@dataclass(frozen=True)
+class Quotient:
+    """numerator / denominator, without a common factor, in one ring of polynomials."""
+
+    ring: Ring
+    numerator: Any
+    denominator: Any
+
+    def expression(self) -> Expression:
+        """Back to a tree: factored, integer coefficients inside, signs outside."""
+        top, bottom = self.ring.factors(self.numerator), self.ring.factors(self.denominator)
+        coefficient = top.coefficient / bottom.coefficient
+        value: Expression = Number(coefficient.numerator)
+        for factor in top.factors:
+            value = value * factor
+        below: Expression = Number(coefficient.denominator)
+        for factor in bottom.factors:
+            below = below * factor
+        return value / below
+
+    def without(self, generator: Expression) -> bool:
+        """Whether the generator does not occur."""
+        if generator not in self.ring.generators:
+            return True
+        index = self.ring.generators.index(generator)
+        return bool(self.numerator.degrees()[index] == 0 and self.denominator.degrees()[index] == 0)
+
+
+@dataclass(frozen=True)
+class _Factors:
+    coefficient: Fraction
+    factors: tuple[Expression, ...]
+
+
+class Ring:
+    """Polynomials over the rationals in the given generators."""
+
+    def __init__(self, generators: Sequence[Expression]) -> None:
+        self.generators = tuple(generators)
+        names = tuple(f"g{k}" for k in range(len(self.generators))) or ("g0",)
+        self.context = fmpq_mpoly_ctx.get(names, Ordering.degrevlex)
+        self.gens = self.context.gens()
+
+    def constant(self, value: Fraction) -> Any:
+        return self.context.constant(fmpq(value.numerator, value.denominator))
+
+    def quotient(self, top: Any, bottom: Any) -> Quotient:
+        """Cancelled.
+
+        Raises: ZeroDivisionError, TooLargeError.
+        """
+        if bottom.is_zero():
+            raise ZeroDivisionError("division by an expression that is identically zero")
+        if max(len(top), len(bottom)) > MAX_TERMS or max((*top.degrees(), *bottom.degrees()), default=0) > MAX_DEGREE:
+            raise TooLargeError
+        if top.is_zero():
+            return Quotient(self, top, self.constant(Fraction(1)))
+        common = top.gcd(bottom)
+        if not common.is_constant():
+            top, bottom = top / common, bottom / common
+        lead = bottom.leading_coefficient()
+        return Quotient(self, top / lead, bottom / lead)
+
+    def add(self, a: Quotient, b: Quotient) -> Quotient:
+        if a.denominator == b.denominator:
+            return self.quotient(a.numerator + b.numerator, a.denominator)
+        return self.quotient(a.numerator * b.denominator + b.numerator * a.denominator, a.denominator * b.denominator)
+
+    def multiply(self, a: Quotient, b: Quotient) -> Quotient:
+        return self.quotient(a.numerator * b.numerator, a.denominator * b.denominator)
+
+    def divide(self, a: Quotient, b: Quotient) -> Quotient:
+        return self.quotient(a.numerator * b.denominator, a.denominator * b.numerator)
+
+    def power(self, a: Quotient, exponent: int) -> Quotient:
+        size = abs(exponent)
+        terms = max(comb(len(part) + size - 1, size) for part in (a.numerator, a.denominator) if len(part)) if len(a.numerator) else 1
+        if terms > 4 * MAX_TERMS or max((*a.numerator.degrees(), *a.denominator.degrees()), default=0) * size > MAX_DEGREE:
+            raise TooLargeError
+        top, bottom = a.numerator**size, a.denominator**size
+        return self.quotient(top, bottom) if exponent > 0 else self.quotient(bottom, top)
+
+    def factors(self, polynomial: Any) -> _Factors:
+        if polynomial.is_zero():
+            return _Factors(Fraction(0), ())
+        content, parts = polynomial.factor() if len(polynomial) <= _FACTORED_TERMS else (fmpq(1), [(polynomial, 1)])
+        coefficient = _fraction(content)
+        factors = []
+        for part, multiplicity in parts:
+            side = 1 if part.leading_coefficient() > 0 else -1
+            coefficient *= side ** int(multiplicity)
+            factors.append(_raised(self._sum(part * side), int(multiplicity)))
+        return _Factors(coefficient, tuple(factors))
+
+    def _sum(self, polynomial: Any) -> Expression:
+        positive: Expression = ZERO
+        negative: Expression = ZERO
+        for powers, value in polynomial.terms():
+            coefficient = _fraction(value)
+            term: Expression = ONE
+            for generator, exponent in zip(self.generators, powers, strict=False):
+                if exponent:
+                    term = term * _raised(generator, int(exponent))
+            term = Number(abs(coefficient)) * term
+            if coefficient > 0:
+                positive = positive + term
+            else:
+                negative = negative + term
+        return positive - negative if negative != ZERO else positive
+
+
+def _raised(generator: Expression, exponent: int) -> Expression:
+    if isinstance(generator, Power):
+        return power(generator.base, generator.exponent * exponent)
+    return power(generator, Fraction(exponent))
+
+
+def _fraction(value: fmpq) -> Fraction:
+    return Fraction(int(value.p), int(value.q))
+
+
+def quotients(expressions: Sequence[Expression]) -> list[Quotient]:
+    """The canonical forms of several expressions in one ring.
+
+    Raises: TooLargeError, ZeroDivisionError (a denominator that is identically zero).
+    """
+    prepared, generators = _atoms(expressions)
+    ring = Ring(generators)
+    memo: dict[Expression, Quotient] = {}
+    one = ring.constant(Fraction(1))
+    for k, generator in enumerate(generators):
+        memo[generator] = Quotient(ring, ring.gens[k], one)
+        if isinstance(generator, Power) and isinstance(generator.base, Variable):
+            # With a root r of a variable about, r is the generator: v = r^q, v^(1/d) = r^(q/d).
+            degree = generator.exponent.denominator
+            for part in (divisor for divisor in range(1, degree + 1) if degree % divisor == 0):
+                root = power(generator.base, Fraction(1, part))
+                memo[root] = Quotient(ring, ring.gens[k] ** (degree // part), one)
+    for expression in prepared:
+        for node in expression.walk():
+            if node not in memo:
+                memo[node] = _quotient(node, memo, ring, one)
+    return [memo[expression] for expression in prepared]
+
+
+def _quotient(node: Expression, memo: dict[Expression, Quotient], ring: Ring, one: Any) -> Quotient:
+    if isinstance(node, Number):
+        return Quotient(ring, ring.constant(node.value), one)
+    if isinstance(node, Power):
+        return ring.power(memo[node.base], node.exponent.numerator)
+    if not isinstance(node, Call):
+        # Inside another generator (the argument of a sine): never used as a value.
+        return Quotient(ring, one, one)
+    parts = [memo[child] for child in node.children]
+    match node.function:
+        case "add":
+            return ring.add(*parts)
+        case "multiply":
+            return ring.multiply(*parts)
+        case "divide":
+            return ring.divide(*parts)
+    return Quotient(ring, one, one)
+
+
+def _atoms(expressions: Sequence[Expression]) -> tuple[list[Expression], list[Expression]]:
+    """Trees of + * / and integer powers over generators, and the generators."""
+    generators: dict[Expression, None] = {}
+    memo: dict[Expression, Expression] = {}
+
+    def atom(node: Expression) -> Expression:
+        generators[node] = None
+        return node
+
+    for expression in expressions:
+        for node in expression.walk():
+            if node in memo:
+                continue
+            if isinstance(node, Variable | Constant):
+                memo[node] = atom(node)
+            elif isinstance(node, Power):
+                base = memo[node.base]
+                if node.exponent.denominator > 1:
+                    base = atom(Power(simplify(base), Fraction(1, node.exponent.denominator)))
+                memo[node] = power(base, Fraction(node.exponent.numerator))
+            elif isinstance(node, Call):
+                children = tuple(memo[child] for child in node.children)
+                if node.function in ("add", "multiply", "divide"):
+                    memo[node] = call(node.function, *children)
+                elif node.function == "sqrt":
+                    memo[node] = atom(Power(simplify(children[0]), Fraction(1, 2)))
+                elif node.function == "monod":
+                    memo[node] = children[0] / (children[1] + children[0])
+                elif node.function == "contois":
+                    memo[node] = children[0] / (children[2] * children[1] + children[0])
+                else:
+                    inner = call(node.function, *(simplify(child) for child in children))
+                    memo[node] = atom(inner) if isinstance(inner, Call) else inner
+            else:
+                memo[node] = node
+    return [memo[expression] for expression in expressions], _used(generators, [memo[e] for e in expressions])
+
+
+def _used(generators: dict[Expression, None], expressions: Sequence[Expression]) -> list[Expression]:
+    used: dict[Expression, None] = {}
+    seen: set[Expression] = set()
+    stack = list(expressions)
+    while stack:
+        node = stack.pop()
+        if node in seen:
+            continue
+        seen.add(node)
+        if node in generators:
+            used[node] = None
+        else:
+            stack.extend(node.children)
+    degrees: dict[Expression, int] = {}
+    for node in used:
+        if isinstance(node, Power) and isinstance(node.base, Variable):
+            degrees[node.base] = lcm(degrees.get(node.base, 1), node.exponent.denominator)
+    merged = {Power(base, Fraction(1, degree)): None for base, degree in degrees.items()}
+    used = {node: None for node in used if not (node in degrees or (isinstance(node, Power) and node.base in degrees))} | merged
+    return sorted(used, key=lambda node: (not isinstance(node, Variable), str(node)))
+
+
+def simplify(expression: Expression) -> Expression:
+    """The same function where it is defined, cancelled and factored; unchanged where it grows too large."""
+    if isinstance(expression, Number | Constant | Variable):
+        return expression
+    try:
+        return quotients([expression])[0].expression()
+    except (TooLargeError, ZeroDivisionError, ExpressionError, OverflowError):
+        return expression
+
+
+def is_zero(expression: Expression) -> bool:
+    """Whether the canonical form is 0: an identity in the generators (sufficient, not necessary)."""
+    try:
+        return bool(quotients([expression])[0].numerator.is_zero())
+    except (TooLargeError, ZeroDivisionError, ExpressionError, OverflowError):
+        return False
