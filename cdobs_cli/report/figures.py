@@ -156,7 +156,7 @@ def _plain_ticks(axis: Axis, ends: tuple[float, float]) -> None:
         return
     digits = (1, 2, 5) if high > 12 * low else (1, 2, 3, 4, 5, 6, 8)
 
-    def label(value: float, _position: int) -> str:
+    def label(value: float, _position: float) -> str:
         lead = value / 10 ** math.floor(math.log10(value) + 1e-9)
         return f"{value:g}" if any(abs(lead - digit) < 1e-6 for digit in digits) else ""
 
@@ -187,7 +187,8 @@ def _legend(ax: Axes, known: set[str]) -> None:
 def _draw_series(ax: Axes, series: Series, index: int, *, many: bool, panel: Panel) -> None:
     colour = ROLE_COLOURS.get(series.role) or OTHER_COLOURS[index % len(OTHER_COLOURS)]
     # An estimate is dashed to show the truth below it; without it, or alone, a full line is easier to read.
-    alone = len(panel.series) == 1 or (series.role == "estimate" and not any(other.role == "truth" for other in panel.series))
+    below = any(other.role == "truth" or (other.role == "measured" and other.kind != "points") for other in panel.series)
+    alone = len(panel.series) == 1 or (series.role == "estimate" and not below)
     first = "-" if alone else ROLE_DASHES.get(series.role, "-")
     dashes = first if index == 0 or many else FURTHER_DASHES[index % len(FURTHER_DASHES)]
     label = _mathematics(series.label)

@@ -73,11 +73,16 @@ def _cell(cell: Cell, column: str) -> str:
             return f"<td{label}>{status_badge(status)}</td>"
         case Code(text):
             kind = ' class="name"' if len(text) <= 40 else ""
-            return f"<td{label}{kind}><code>{escape(text)}</code></td>"
+            return f"<td{label}{kind}><code>{_breakable(text)}</code></td>"
         case _:
             name = "none" if cell == NOTHING else "number" if _NUMBER.fullmatch(cell) else "long" if len(cell) > 60 else ""
             kind = f' class="{name}"' if name else ""
             return f"<td{label}{kind}>{escape(cell)}</td>"
+
+
+def _breakable(text: str) -> str:
+    """A dotted name that may break behind its dots."""
+    return re.sub(r"([._])(?=[A-Za-z])", r"\1<wbr>", escape(text))
 
 
 def status_badge(status: str) -> str:

@@ -6,6 +6,7 @@ Bounds are shortened on the safe side: a proved end is never made better by roun
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Context, Decimal, InvalidOperation
@@ -279,7 +280,8 @@ def build_report(
     digests: Mapping[str, str],
 ) -> Report:
     """The report of one spec from its artefacts."""
-    return Report(name, title, spec_path, plant, family, design, check, run, tuple(expectations), dict(digests))
+    told = tuple((what, holds, re.sub(r"^: (holds|fails), ", "", found.removeprefix(what))) for what, holds, found in expectations)
+    return Report(name, title, spec_path, plant, family, design, check, run, told, dict(digests))
 
 
 def proved_envelope(family: Family, plant: Plant, design: Design, check: Check | None) -> Mapping[str, Any] | None:

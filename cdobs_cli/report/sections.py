@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Any
+
 from cdobs_cli.certificate import Claim, Witness
 from cdobs_cli.chart import Table
 from cdobs_cli.report.blocks import Block, Bullets, Cell, Code, Grid, Listing, Mark, Mathematics, Paragraph, Picture, Section
@@ -108,20 +111,33 @@ def _sentence(text: str) -> str:
 def _claims(report: Report) -> Section:
     if report.check is None:
         return Section("Claims", (Paragraph("Nothing has been checked yet."),))
-    kinds = {"consequence": 0, "premise": 1, "certificate": 2, "printed": 3}
-    order = sorted(report.check.claims, key=lambda claim: kinds[claim.kind])
-    rows = tuple(_claim_row(claim) for claim in order)
-    caption = (
-        "The verdict is decided by the required claims. Certificates are alternatives: one that fails refutes nothing. "
-        "Printed claims put a paper's own data to the test."
+    groups: dict[str, list[Claim]] = {title: [] for title in _GROUPS}
+    for claim in sorted(report.check.claims, key=lambda claim: claim.kind):
+        groups[_group(claim)].append(claim)
+    columns = ("claim", "status", "statement", "margin", "method", "source")
+    grids = (
+        Grid(columns, tuple(_claim_row(claim) for claim in claims), title, _GROUPS[title]) for title, claims in groups.items() if claims
     )
-    return Section("Claims", (Grid(("claim", "status", "kind", "statement", "margin", "method", "source"), rows, "", caption),))
+    return Section("Claims", tuple(grids))
+
+
+_GROUPS = {
+    "Required": "These decide the verdict.",
+    "Certificates": "Alternatives: one that fails refutes nothing.",
+    "Further claims": "",
+    "Printed in the paper": "The paper's own data put to the test; the verdict does not depend on them.",
+}
+
+
+def _group(claim: Claim) -> str:
+    if claim.required:
+        return "Required"
+    return {"certificate": "Certificates", "printed": "Printed in the paper"}.get(claim.kind, "Further claims")
 
 
 def _claim_row(claim: Claim) -> tuple[Cell, ...]:
-    kind = f"{claim.kind}, required" if claim.required else claim.kind
     method = claim.method or (f"by {claim.by}" if claim.by else NOTHING)
-    return Code(claim.id), Mark(claim.status), kind, claim.statement, margin_text(claim.margin), method, claim.source
+    return Code(claim.id), Mark(claim.status), claim.statement, margin_text(claim.margin), method, claim.source
 
 
 def _bounds(report: Report) -> Section:
@@ -138,9 +154,13 @@ def _bounds(report: Report) -> Section:
 
 def _witnesses(report: Report) -> Section:
     blocks: list[Block] = []
+    told: dict[str, str] = {}  # the same numbers often defeat several claims
     for claim in report.check.claims if report.check else ():
         if claim.witness is not None:
             blocks += [Paragraph(f"{claim.id}: {witness_text(claim.witness)}"), *_arcs(claim.witness)]
+            first = told.setdefault(repr(claim.witness.data), claim.id)
+            if claim.witness.data:
+                blocks.append(_data(claim.witness) if first == claim.id else Paragraph(f"The numbers are those of {first}."))
             blocks += [Picture(chart) for chart in report.charts if chart.name == witness_name(claim)]
             if claim.witness.kind in ("constant", "switching"):
                 blocks.append(Listing((f"cdobs simulate {report.spec_path} --witness {claim.id}",)))
@@ -153,9 +173,32 @@ def witness_text(witness: Witness) -> str:
         "constant": "constant slopes defeat the claim", "switching": "slopes that switch defeat the claim",
         "vector": "a vector defeats the claim", "point": "a point of the domain defeats the claim",
     }[witness.kind]  # fmt: skip
+    if witness.kind == "vector" and not witness.values:
+        return "these numbers defeat the claim."
     growth = f" The error grows by {witness.multiplier} in size from period to period." if witness.multiplier else ""
     about = "It concerns the class: some plant with these slopes." if witness.about == "class" else "It concerns the plant as typed."
     return f"{kind}.{growth} {about}"
+
+
+def _data(witness: Witness) -> Grid:
+    """What a family stored with a counterexample."""
+    rows = tuple(_flat("", witness.data))
+    shown = tuple((name, Code(text)) for name, text in rows[:MAX_RUN_ROWS])
+    return Grid(("quantity", "value"), shown, "", f"The first {MAX_RUN_ROWS} of {len(rows)}." if len(rows) > MAX_RUN_ROWS else "")
+
+
+def _flat(name: str, value: Any) -> Iterator[tuple[str, str]]:
+    """Nested JSON as rows: keys joined by dots, plain lists on one line."""
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _flat(f"{name}.{key}" if name else str(key), inner)
+    elif isinstance(value, list | tuple) and any(isinstance(inner, dict | list | tuple) for inner in value):
+        for index, inner in enumerate(value, start=1):
+            yield from _flat(f"{name} {index}", inner)
+    elif isinstance(value, list | tuple):
+        yield name, ", ".join(number_text(inner, 17) for inner in value)
+    else:
+        yield name, number_text(value, 17)
 
 
 def _arcs(witness: Witness) -> tuple[Block, ...]:

@@ -10,7 +10,7 @@ STYLE = """
 * { box-sizing: border-box; }
 html { -webkit-text-size-adjust: 100%; }
 body { margin: 0; background: var(--paper); color: var(--ink); font: 16px/1.5 system-ui, -apple-system, "Segoe UI", sans-serif; }
-main { max-width: 60rem; margin: 0 auto; padding: 1.25rem 1rem 3rem; overflow-wrap: break-word; }
+main { max-width: 66rem; margin: 0 auto; padding: 1.25rem 1rem 3rem; overflow-wrap: break-word; }
 main.wide { max-width: 80rem; }
 h1 { font-size: 1.6rem; line-height: 1.25; margin: .5rem 0 1rem; }
 h2 { font-size: 1.2rem; margin: 2.25rem 0 .6rem; padding-bottom: .2rem; border-bottom: 1px solid var(--line); }
@@ -39,7 +39,7 @@ th, td { text-align: left; vertical-align: top; padding: .3rem .7rem .3rem 0; bo
 th { font-weight: 600; color: var(--soft); }
 td.number { font-variant-numeric: tabular-nums; white-space: nowrap; }
 td code { word-break: break-all; }
-td.name code { white-space: nowrap; word-break: normal; }
+td.name code { word-break: normal; }
 td.long { min-width: 14rem; }
 .formula { overflow-x: auto; padding: .2rem 0; }
 math { font: 1.12em math, "STIX Two Math", "Cambria Math", "Latin Modern Math", "DejaVu Math TeX Gyre", serif; }

@@ -89,6 +89,8 @@ def make_check() -> Check:
             Claim("period.refuted", "consequence", "refuted", "Convergence at T = 1.7131", "Dinh2014, Section IV", False, "-2e-4",
                   "bang-bang", None, witness),
             Claim("printed.set", "printed", "undecided", "The printed set | contains the box", "Dinh2014, (31)"),
+            Claim("printed.gain", "printed", "refuted", "A + K C is Hurwitz", "Dinh2014, (32)", witness=Witness(
+                "vector", "class", data={"numbers": {"beta": ["1.4809", "1.4810"]}, "outside": [{"vertex": 1, "entry": [2, 2]}]})),
             Claim("domain_invariant", "consequence", "undecided", "States stay in the domain", "the plant"),
         ),
         {
@@ -128,7 +130,10 @@ def make_report(*, title: str = HOSTILE, design: Design | None = None, check: Ch
         design=design or make_design(),
         check=check,
         run=run,
-        expectations=[("bounds.period_max.proved at least 0.6", True, "1.71304318276"), ("verdict equals refuted", False, "proved")],
+        expectations=[
+            ("bounds.period_max.proved at least 0.6", True, "1.71304318276"),
+            ("verdict equals refuted", False, "verdict equals refuted: fails, it is proved"),
+        ],
         digests={"plant": "a" * 64, "design": "b" * 64},
     )
     made.__dict__["versions"] = {"cdobs": "0.1.0", "python": "3.11"}

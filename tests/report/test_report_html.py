@@ -13,7 +13,7 @@ from cdobs_cli.report.files import render
 from cdobs_cli.report.index import IndexEntry, index_page
 from cdobs_cli.report.model import Report
 
-VOID = {"meta", "link", "br", "img", "path", "use", "input", "hr"}
+VOID = {"meta", "link", "br", "img", "path", "use", "input", "hr", "wbr"}
 
 
 class Checker(HTMLParser):
