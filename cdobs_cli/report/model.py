@@ -100,6 +100,12 @@ def unit_text(bound: Bound) -> str:
     return f" {bound.unit}" if bound.unit and bound.unit != "1" else ""
 
 
+def about_text(bound: Bound) -> str:
+    """What a bound is about, in words."""
+    words = {"class": "all plants with these slopes", "plant": "the plant as typed"}
+    return words.get(bound.about or "", bound.about or NOTHING)
+
+
 def float_or_none(text: str | None) -> float | None:
     """The number of a decimal string (inf allowed); None for what is no number."""
     value = _decimal(text)

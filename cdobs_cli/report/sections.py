@@ -9,7 +9,18 @@ from cdobs_cli.certificate import Claim, Witness
 from cdobs_cli.chart import Table
 from cdobs_cli.report.blocks import Block, Bullets, Cell, Code, Grid, Listing, Mark, Mathematics, Paragraph, Picture, Section
 from cdobs_cli.report.ladder import Ladder
-from cdobs_cli.report.model import NOTHING, Report, bound_title, domain_text, end_text, ends_text, law_text, margin_text, number_text
+from cdobs_cli.report.model import (
+    NOTHING,
+    Report,
+    about_text,
+    bound_title,
+    domain_text,
+    end_text,
+    ends_text,
+    law_text,
+    margin_text,
+    number_text,
+)
 from cdobs_cli.report.references import cited
 from cdobs_cli.report.systems import flow_equations, gain_equations, held_equations, jump_equations, output_equations, plant_equations
 from cdobs_cli.report.witnesses import witness_name
@@ -144,7 +155,7 @@ def _bounds(report: Report) -> Section:
     blocks: list[Block] = [Picture(chart) for chart in report.charts if isinstance(chart, Ladder)]
     if report.check is not None and report.check.bounds:
         rows = tuple(
-            (bound_title(name), *ends_text(bound), bound.unit, bound.method or NOTHING, bound.about or NOTHING)
+            (bound_title(name), *ends_text(bound), bound.unit, bound.method or NOTHING, about_text(bound))
             for name, bound in report.check.bounds.items()
         )
         caption = "Proved and refuted ends, rounded to the safe side. Between them nothing is known."

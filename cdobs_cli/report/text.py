@@ -8,7 +8,7 @@ from collections import Counter
 from cdobs_cli.certificate import Bound, Status
 from cdobs_cli.report.blocks import Block, Bullets, Cell, Code, Grid, Listing, Mark, Mathematics, Paragraph, Picture
 from cdobs_cli.report.equations import latex_block
-from cdobs_cli.report.model import Report, bound_title, end_text, ends_text, law_text, unit_text
+from cdobs_cli.report.model import Report, about_text, bound_title, end_text, ends_text, law_text, unit_text
 from cdobs_cli.report.sections import sections
 
 SYMBOLS = {"proved": "✓", "refuted": "✗", "undecided": "?", "holds": "✓", "fails": "✗", "no design found": "✗",
@@ -34,7 +34,7 @@ def bracket_sentence(report: Report) -> str:
     if report.headline_bound is None:
         return ""
     name, bound = report.headline_bound
-    about = f" ({bound.about})" if bound.about else ""
+    about = f" (about {about_text(bound)})" if bound.about else ""
     return f"{bound_title(name)}: {_ends(bound)}{about}."
 
 

@@ -94,7 +94,7 @@ def make_check() -> Check:
             Claim("domain_invariant", "consequence", "undecided", "States stay in the domain", "the plant"),
         ),
         {
-            "period_max": Bound("1.71304318276", "1.71309999999", "s", "clock", "this gain, constant periods"),
+            "period_max": Bound("1.71304318276", "1.71309999999", "s", "clock", "class"),
             "period_max.clarke": Bound("1.2110123", None, "s", "clarke", "this gain"),
             "period_max.clock": Bound("1.71304318276", "1.71309999999", "s", "clock", "this gain"),
             "period_max_any_gain": Bound(None, "inf", "s", None, "every gain"),
