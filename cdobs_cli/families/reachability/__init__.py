@@ -100,7 +100,7 @@ class Reachability(Family):
     def exhibits(self, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
         from cdobs_cli.families.reachability.exhibits import exhibits
 
-        return exhibits(plant, design, check, run)
+        return exhibits(self, plant, design, check, run)
 
     def envelope(self, plant: Plant, design: Design, check: Check) -> Mapping[str, Any] | None:
         from cdobs_cli.families.reachability.claims import envelope

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
+from typing import Any, TypeAlias
 
 from flint import arb
 
@@ -25,7 +25,7 @@ from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.families.reachability.interval_matrix import IntervalMatrix
 from cdobs_cli.plant import Plant
 
-Number = Fraction | arb
+Number: TypeAlias = Fraction | arb
 RELATIVE_WIDTH = Fraction(1, 10**15)
 
 
@@ -120,9 +120,9 @@ def holds_until(row: LastRow, delta: arb) -> bool:
         return False
     end = delta.upper()
     for j in range(n, 0, -1):
-        if any(not _certainly_zero(value) for value in row.lo[: min(j, n - 1)]):
-            if not first_zero(row.flow(row.w(j)), j - 1, end) >= end:
-                return False
+        moves = any(not _certainly_zero(value) for value in row.lo[: min(j, n - 1)])
+        if moves and not first_zero(row.flow(row.w(j)), j - 1, end) >= end:
+            return False
     return True
 
 

@@ -58,9 +58,9 @@ class Bounds:
         largest = arb(0)
         for k in self.components:
             row = arb(0)
-            for l in self.components:
-                if (k, l) in self.entries:
-                    row += self.entries[k, l].low.abs_upper().max(self.entries[k, l].up.abs_upper())
+            for i in self.components:
+                if (k, i) in self.entries:
+                    row += self.entries[k, i].low.abs_upper().max(self.entries[k, i].up.abs_upper())
             largest = largest.max(row.upper())
         return largest
 
@@ -88,16 +88,13 @@ class Bounds:
             return True
 
         for a, k in enumerate(self.components):
-            for b, l in enumerate(self.components):
-                entry = self.entries.get((k, l))
+            for b, i in enumerate(self.components):
+                entry = self.entries.get((k, i))
                 if entry is None:
                     continue
                 low, up, minus, plus = entry.low, entry.up, b, size + b
                 m_low, m_up = piece[minus], piece[plus]
-                if k == l:
-                    decided &= choose(size + a, m_up, (plus, up), (plus, low))
-                    decided &= choose(a, m_low, (minus, low), (minus, up))
-                elif low >= 0:
+                if k == i or low >= 0:
                     decided &= choose(size + a, m_up, (plus, up), (plus, low))
                     decided &= choose(a, m_low, (minus, low), (minus, up))
                 elif up <= 0:
@@ -105,7 +102,7 @@ class Bounds:
                     decided &= choose(a, m_up, (plus, low), (plus, up))
                 else:
                     # max{up m+, low m-} and min{low m+, up m-}; both products agree where all is even.
-                    tie = entry.centred and l in self.even
+                    tie = entry.centred and i in self.even
                     decided &= choose(size + a, arb(0) if tie else up * m_up - low * m_low, (plus, up), (minus, low))
                     decided &= choose(a, arb(0) if tie else up * m_low - low * m_up, (plus, low), (minus, up))
         return Matrix.from_rows(G), max(forcing, key=float).upper(), decided
@@ -128,7 +125,7 @@ def lemma_3_1(plant: Plant, delta: arb) -> IntervalMatrix | None:
         if column is None:
             return None
         components, X = column
-        constant = all(entries[k, l].low is entries[k, l].up for k in components for l in components if (k, l) in entries)
+        constant = all(entries[k, i].low is entries[k, i].up for k in components for i in components if (k, i) in entries)
         for a, k in enumerate(components):
             lower[k][j] = X[a]
             upper[k][j] = X[a] if constant else X[len(components) + a]
@@ -144,13 +141,13 @@ def bounds_of_entries(plant: Plant) -> dict[tuple[int, int], Entry]:
     """U_kl = A_kl + [lower_kl, upper_kl] where it is not the number 0."""
     entries = {}
     for k in range(plant.n):
-        for l in range(plant.n):
-            low = plant.A[k, l] + plant.slopes.lower[k, l]
-            up = plant.A[k, l] + plant.slopes.upper[k, l]
+        for i in range(plant.n):
+            low = plant.A[k, i] + plant.slopes.lower[k, i]
+            up = plant.A[k, i] + plant.slopes.upper[k, i]
             if low == up == EXACT_ZERO:
                 continue
             ball = low.ball()
-            entries[k, l] = Entry(ball, ball if low == up else up.ball(), _opposite(low, up))
+            entries[k, i] = Entry(ball, ball if low == up else up.ball(), _opposite(low, up))
     return entries
 
 
@@ -160,11 +157,11 @@ def _opposite(low: Exact, up: Exact) -> bool:
 
 def _bounds(entries: dict[tuple[int, int], Entry], n: int, start: int) -> Bounds:
     reached = {start}
-    while more := {k for k, l in entries if l in reached} - reached:
+    while more := {k for k, i in entries if i in reached} - reached:
         reached |= more
     even = reached - {start}
     while odd := {k for k in even if any(
-        not entries[k, l].centred and l not in even for l in reached if l != k and (k, l) in entries
+        not entries[k, i].centred and i not in even for i in reached if i != k and (k, i) in entries
     )}:  # fmt: skip
         even -= odd
     return Bounds({pair: entry for pair, entry in entries.items() if set(pair) <= reached}, tuple(sorted(reached)), frozenset(even))

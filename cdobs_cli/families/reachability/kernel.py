@@ -65,7 +65,7 @@ def kernel(C: ExactMatrix) -> Kernel:
         free = [j for j in range(n) if j not in pivots and (row[j] > 0 or row[j] < 0)]
         if free:
             rows.append(i)
-            pivots.append(max(free, key=lambda j: (abs(_float(row[j])), -j)))  # noqa: B023 - used at once
+            pivots.append(max(free, key=lambda j: (abs(_float(row[j])), -j)))
     others = tuple(j for j in range(n) if j not in pivots)
     C_r = matrix[rows, :] if rows else Matrix.zeros(0, n)
     inverse = C_r[:, pivots].inverse() if rows else Matrix.zeros(0, 0)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from cdobs_cli.design import Design
-from cdobs_cli.exact.expression import ZERO, Variable
+from cdobs_cli.exact.expression import ZERO, Expression, Variable
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, Observer, PlantView
 from cdobs_cli.plant import Plant
@@ -24,7 +24,7 @@ def observer(plant: Plant, design: Design) -> Observer:
     innovation = [Variable(f"y.{k}") - row for k, row in enumerate(plant.outputs(PREFIX))]
     jump = []
     for i, name in enumerate(hat):
-        correction = ZERO
+        correction: Expression = ZERO
         for k, residual in enumerate(innovation):
             correction = correction + K[i, k].expression * residual
         jump.append(Variable(name) + correction)

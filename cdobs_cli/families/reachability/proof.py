@@ -123,7 +123,8 @@ def lyapunov_matrix(plant: Plant, K: ExactMatrix, certificate: Certificate) -> M
     space = kernel(plant.C)
     R_tilde = space.R @ error_jump(K.balls(), space.C, Matrix.identity(plant.n))
     Q = _symmetric(certificate.data["Q"], space.dimension)
-    return recovered_P(Q, R_tilde, space.C_r, _rational(certificate.data["s"]))
+    P: Matrix = recovered_P(Q, R_tilde, space.C_r, _rational(certificate.data["s"]))
+    return P
 
 
 @dataclass(frozen=True)

@@ -194,8 +194,8 @@ def fastest(F: Array, log: Log, rounds: int) -> tuple[float, Array]:
 
 def _smallest(Q: Array, F: Array) -> Array:
     """The smallest eigenvalue of Q - F_k'Q F_k for each k."""
-    values: Array = np.linalg.eigvalsh(Q - np.swapaxes(F, 1, 2) @ Q @ F)[:, 0]
-    return values
+    values: Any = np.linalg.eigvalsh(Q - np.swapaxes(F, 1, 2) @ Q @ F)[:, 0]
+    return values  # type: ignore[no-any-return]
 
 
 def _cut(
@@ -214,6 +214,7 @@ def _cut(
     r = unknowns["Q"].rows
     program.equate(lambda x: np.array([[np.trace(x["Q"]) - 1.0]]))
     program.maximise(lambda x: x["t"])
+    program.require(lambda x: x["Q"] - x["t"][0, 0] * np.eye(r))
     chosen: list[int] = []
     start = min(count, 4 * r)
     kind = ("+".join(unknowns), count)
@@ -238,7 +239,7 @@ def _cut(
         log.binding[kind] = sorted(chosen, key=lambda k: float(values[k]))[: 12 * r]
         if not t > 1e-13:
             return None, t if np.isfinite(t) else -1.0
-        if np.min(values) > 0:
+        if np.min(values) > 0 and np.linalg.eigvalsh(solution.values["Q"])[0] > 0:
             found = solution.values
         wanted = [k for k in map(int, np.argsort(values)[: 2 * ADDED]) if values[k] < 0.5 * t and k not in chosen][:ADDED]
         if not wanted:

@@ -6,15 +6,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cdobs_cli.certificate import Certificate
+from cdobs_cli.certify.bracket import largest_proved
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, plain_decimal
 from cdobs_cli.families.reachability.kernel import Kernel, kernel
 from cdobs_cli.families.reachability.proof import METHOD, SetProof, prove
-from cdobs_cli.families.reachability.search import Log, Members, contraction, design, fastest, members
+from cdobs_cli.families.reachability.search import Log, Members, contraction, design, fastest, lyapunov, members
 from cdobs_cli.families.reachability.sets import matrix_set, set_limit
 from cdobs_cli.plant import Plant, SamplingLaw
 
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-T = TypeVar("T")
 DIGITS = (5, 7, 9, 12)
 Q_DIGITS = 13
 
@@ -100,16 +100,71 @@ class SetSearch:
             document["s"] = s
         return self._proved(K, Certificate(METHOD, SamplingLaw.periodic(delta), document))
 
-    def _full_certificate(self, delta: Exact, K: ExactMatrix) -> Found | None:
+    def margin_of(self, K: ExactMatrix, delta: Exact) -> float:
+        """The margin of the best Lyapunov matrix for a given K, in floats; -1 where the set is not known."""
+        if self.kernel.is_kept(K):
+            data = self.data(delta)
+            return lyapunov(error_maps(data, self.kernel, K), self.log)[0] if data else -1.0
+        N_M = self._full_maps(K, delta)
+        return lyapunov(N_M[1], self.log)[0] if N_M else -1.0
+
+    def largest_any(self, start: Exact) -> Found | None:
+        """A gain for the largest period found, at least `start`."""
+        if self.kernel.dimension == 0:
+            return self._dead_beat(start)
+        end = largest(self._any_margin, start, set_high(self.plant))
+        return None if end is None else self._last_proved(self.gain_at, start, end)
+
+    def longest_any(self, start: Exact) -> float | None:
+        """Up to which period the set gives a gain, in floats; looks below `start` too."""
+        for _ in range(12):
+            end = largest(self._any_margin, start, set_high(self.plant))
+            if end is not None:
+                return float(end)
+            start = rounded_down(Fraction(float(start)) / 2, 6)
+        return None
+
+    def _any_margin(self, delta: Exact) -> float:
+        data = self.data(delta)
+        return design(data, self.log).margin if data else -1.0
+
+    def largest_for(self, K: ExactMatrix, start: Exact) -> Found | None:
+        """The certificate of a given K for the largest period found; below `start` where it fails there."""
+        if self.kernel.dimension == 0 and self.kernel.is_kept(K):
+            return None
+        low, high = start, set_high(self.plant)
+        for _ in range(12):
+            if float(low) <= high and self.margin_of(K, low) > 0:
+                break
+            low = rounded_down(Fraction(float(low)) / 2, 6)
+        else:
+            return None
+        end = largest(lambda delta: self.margin_of(K, delta), low, high)
+        return None if end is None else self._last_proved(lambda delta: self.certificate_at(delta, K, rounds=0), low, end)
+
+    def _last_proved(self, prove: Callable[[Exact], Found | None], start: Exact, end: Fraction) -> Found | None:
+        """The proof at the largest short period up to `end` that has one: the proofs decide, not the margins."""
+        high = rounded_down(end, 6)
+        if not float(high) > float(start):
+            return prove(start)
+        found = largest_proved(prove, start, high, Fraction(1, 2000))
+        return None if found is None else found[1]
+
+    def _full_maps(self, K: ExactMatrix, delta: Exact) -> tuple[Members, Array] | None:
+        """(I - K C) M at every member of the whole space, scaled."""
         boxes = matrix_set(self.family, self.plant, delta)
         if boxes is None:
             return None
-        whole = Kernel(*_no_measurement(self.plant.n))
-        data = members(boxes, whole)
+        data = members(boxes, Kernel(*_no_measurement(self.plant.n)))
         J = np.eye(self.plant.n) - K.floats @ self.plant.C.floats
         N_M = (data.s[:, None] * J / data.s) @ data.M
-        if not np.all(np.isfinite(N_M)):
+        return (data, N_M) if np.all(np.isfinite(N_M)) else None
+
+    def _full_certificate(self, delta: Exact, K: ExactMatrix) -> Found | None:
+        maps = self._full_maps(K, delta)
+        if maps is None:
             return None
+        data, N_M = maps
         rho, P = fastest(N_M, self.log, 3)
         if rho >= 1:
             return None
@@ -175,20 +230,20 @@ def error_maps(data: Members, kernel: Kernel, K: ExactMatrix) -> Array:
     return F
 
 
-def largest(at: Callable[[Exact], tuple[float, Any]], low: Exact, high: float) -> Fraction | None:
-    """Where the margin at(delta)[0] crosses zero above `low`: false position between a period that holds and
+def largest(margin: Callable[[Exact], float], low: Exact, high: float) -> Fraction | None:
+    """Where the margin crosses zero above `low`: false position between a period that holds and
     one that does not, to eight digits. Returns the largest period tried with a positive margin."""
     start = float(low)
-    a, f_a = start, at(low)[0]
+    a, f_a = start, margin(low)
     if not f_a > 0:
         return None
     b = min(2 * start, high)
-    f_b = at(Exact(Fraction(b)))[0]
+    f_b = margin(Exact(Fraction(b)))
     while f_b > 0:
         if b >= high or b > 1e9 * start:
             return Fraction(b)
         a, f_a, b = b, f_b, min(2 * b, high)
-        f_b = at(Exact(Fraction(b)))[0]
+        f_b = margin(Exact(Fraction(b)))
     if not np.isfinite(f_b):
         f_b = -1.0
     side = 0
@@ -197,7 +252,7 @@ def largest(at: Callable[[Exact], tuple[float, Any]], low: Exact, high: float) -
             break
         share = min(max(f_a / (f_a - f_b), 0.02), 0.98) if f_b < 0 else 0.5
         middle = a + share * (b - a)
-        value = at(Exact(Fraction(middle)))[0]
+        value = margin(Exact(Fraction(middle)))
         value = value if np.isfinite(value) else -1.0
         if value > 0:
             a, f_a = middle, value

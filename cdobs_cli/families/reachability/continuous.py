@@ -1,0 +1,69 @@
+"""Theorem II.1, the continuous-time reference: with y(t) at hand, does one P serve every slope?"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cdobs_cli.certificate import Certificate
+from cdobs_cli.certify.definite import has_positive_pivots
+from cdobs_cli.exact.expression import ExpressionError
+from cdobs_cli.exact.numbers import ExactMatrix
+from cdobs_cli.families.reachability.proof import slope_corners
+from cdobs_cli.families.reachability.theorems import lmi_6
+from cdobs_cli.plant import Plant
+
+if TYPE_CHECKING:
+    from cdobs_cli.families.reachability.search import Log
+
+REFERENCE = "theorem_2_1"
+MAX_CORNERS = 64
+
+
+def reference(plant: Plant, log: Log) -> tuple[Certificate, ...]:
+    """P and L of (6), rounded and proved; nothing where none was found.
+
+    Source: Dinh2014, Theorem II.1, (6)
+    """
+    import numpy as np
+
+    from cdobs_cli.certify.lmi import Program, full, symmetric
+
+    if 2 ** len(plant.slopes.uncertain) > MAX_CORNERS:
+        return ()
+    corners = [R.floats for R in slope_corners(plant)]
+    # In the states' own units of time: s_i e_i with s_i = omega^-(i-1), omega the size of the flow.
+    size = max(float(np.linalg.norm(R, 2)) for R in corners) or 1.0
+    C = plant.C.floats
+    if not np.isfinite(size):
+        return ()
+    program = Program({"P": symmetric(plant.n), "L": full(plant.n, plant.p), "t": full(1, 1)})
+    one = np.eye(plant.n)
+    program.equate(lambda x: np.array([[np.trace(x["P"]) - 1.0]]))
+    program.maximise(lambda x: x["t"])
+    program.require(lambda x: x["P"] - x["t"][0, 0] * one)
+    for R in corners:
+        program.require(lambda x, R=R / size: lmi_6(x["P"], x["L"], R, C) - x["t"][0, 0] * one)  # type: ignore[misc]
+    try:
+        solution = program.solve()
+    except Exception:  # whatever the solver does, there is no guess
+        return ()
+    log.records.append(solution.record)
+    P, L = solution.values["P"], solution.values["L"] * size
+    if not (np.all(np.isfinite(P)) and np.all(np.isfinite(L))):
+        return ()
+    P_text, L_text = ExactMatrix.from_floats((P + P.T) / 2, 12).texts(), ExactMatrix.from_floats(L, 12).texts()
+    certificate = Certificate(REFERENCE, plant.sampling, {"P": P_text, "L": L_text})
+    return (certificate,) if proves_reference(plant, certificate) else ()
+
+
+def proves_reference(plant: Plant, certificate: Certificate) -> bool:
+    """Whether P > 0 and (6) holds at every corner R of A + V, for the stored P and L."""
+    try:
+        P, L = ExactMatrix(certificate.data["P"]), ExactMatrix(certificate.data["L"])
+    except (KeyError, TypeError, ValueError, ExpressionError):
+        return False
+    n, p = plant.n, plant.p
+    if P.shape != (n, n) or L.shape != (n, p) or any(P[i, j] != P[j, i] for i in range(n) for j in range(i)):
+        return False
+    C = plant.C.balls()
+    return has_positive_pivots(P.balls()) and all(has_positive_pivots(lmi_6(P.balls(), L.balls(), R, C)) for R in slope_corners(plant))

@@ -1,0 +1,142 @@
+"""V at the samples, and the feasible period against the size of the slopes."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cdobs_cli.certificate import Certificate, Check
+from cdobs_cli.chart import Chart, Exhibits, Panel, Series, Table
+from cdobs_cli.design import Design
+from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.families.reachability.canonical import LastRow, delta_star, last_row
+from cdobs_cli.families.reachability.kernel import kernel
+from cdobs_cli.families.reachability.proof import METHOD
+from cdobs_cli.families.reachability.structure import is_chain
+from cdobs_cli.plant import Plant, Slopes
+from cdobs_cli.run import Run
+
+if TYPE_CHECKING:
+    from cdobs_cli.families.reachability import Reachability
+
+FACTORS = (Fraction(1, 8), Fraction(1, 4), Fraction(1, 2), Fraction(1), Fraction(2), Fraction(4), Fraction(8))
+
+
+def exhibits(family: Reachability, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
+    """Charts where there is something to draw; the ladder of methods as a table."""
+    charts = []
+    certificate = _own(design)
+    if certificate is not None and run is not None:
+        charts += _lyapunov(plant, design, certificate, run)
+    if family.method != "clock" and family.set == "clarke":
+        charts += _periods(family, plant, design)
+    return Exhibits(tuple(charts), _ladder(check) if check else (), _notes(family, plant, design))
+
+
+def _own(design: Design) -> Certificate | None:
+    return next((c for c in design.certificates if c.method == METHOD and c.sampling == design.sampling and "K" not in c.data), None)
+
+
+def _lyapunov(plant: Plant, design: Design, certificate: Certificate, run: Run) -> list[Chart]:
+    """V(t_k+) along the first run, and the proved geometric bound from its first value."""
+    trajectory = run.trajectories[0]
+    error = trajectory.estimates["x_hat"] - trajectory.x
+    if certificate.data["form"] == "reduced":
+        if not certificate.data["Q"]:
+            return []
+        space = kernel(plant.C)
+        T = space.R.floats @ (np.eye(plant.n) - design.gain["K"].floats @ plant.C.floats)
+        P = T.T @ ExactMatrix(certificate.data["Q"]).floats @ T
+    else:
+        P = ExactMatrix(certificate.data["P"]).floats
+    # Just after each jump: the last output row at that instant.
+    after = np.searchsorted(trajectory.t, trajectory.t_k, side="right") - 1
+    V = np.einsum("ki,ij,kj->k", error[after], P, error[after])
+    floor = 1e-24 * max(float(np.max(V, initial=0.0)), 1e-300)
+    shown = np.isfinite(V) & (floor < V)
+    if shown.sum() < 2:
+        return []
+    t, V = trajectory.t_k[shown], V[shown]
+    bound = V[0] * float(certificate.data["rho_squared"]) ** np.arange(len(V))
+    # Below the integrator's accuracy the measured V says nothing.
+    keep = bound > 1e-24 * V[0]
+    series = (Series("V after each jump", t, V, "points", "measured"), Series("proved bound", t[keep], bound[keep], "line", "proved"))
+    caption = "V = e'Pe just after each jump, and the proved bound rho^(2k) from its first value."
+    return [Chart("lyapunov", "Lyapunov function at the samples", caption, (Panel("t", "V", series, "log"),))]
+
+
+def _periods(family: Reachability, plant: Plant, design: Design) -> list[Chart]:
+    """delta_star and the largest period of the set against a factor on all slopes."""
+    if not plant.slopes.uncertain or not is_chain(plant):
+        return []
+    row = last_row(plant)
+    scaled = [LastRow(tuple(v * f for v in row.lo), tuple(v * f for v in row.hi)) for f in FACTORS]
+    limits = [delta_star(r) for r in scaled]
+    factors = [float(f) for f in FACTORS]
+    finite = [(f, float(limit.mid())) for f, limit in zip(factors, limits, strict=True) if limit.is_finite()]
+    series: list[Series] = []
+    if finite:
+        series.append(Series("delta_star, (31) holds below", [f for f, _ in finite], [d for _, d in finite], "line", "other"))
+    periods = _largest_periods(family, plant, design)
+    if periods:
+        series.append(Series("largest period of the set", [f for f, _ in periods], [d for _, d in periods], "line", "proved"))
+    if not series:
+        return []
+    series.append(Series("this design", [1.0], [float(design.sampling.T_max)], "points", "measured"))
+    caption = "All slope bounds times a factor: up to which period the set of Theorem III.2 holds, and up to which it gives a gain."
+    return [Chart("feasible_period", "Feasible period", caption, (Panel("factor on the slopes", "period", tuple(series), "log", "log"),))]
+
+
+def _largest_periods(family: Reachability, plant: Plant, design: Design) -> list[tuple[float, float]]:
+    """By search for two states (no solver); by time scaling from the stored one where a single slope is
+    uncertain: c_k s^(n-k+1) goes with delta / s."""
+    stored = max((c for c in design.certificates if c.method == METHOD), key=lambda c: float(c.sampling.T_max), default=None)
+    if plant.n == 2 and plant.p == 1:
+        from dataclasses import replace
+
+        from cdobs_cli.families.reachability.set_design import SetSearch
+
+        found = []
+        for factor in FACTORS:
+            bounds = Slopes(_times(plant.slopes.lower, factor), _times(plant.slopes.upper, factor), plant.slopes.auto)
+            search = SetSearch(family, replace(plant, slopes=bounds), 0)
+            longest = search.longest_any(design.sampling.T_max)
+            found += [(float(factor), longest)] if longest else []
+        return found
+    entries = plant.slopes.uncertain
+    zero_row = all(plant.A[plant.n - 1, j].sign() == 0 for j in range(plant.n))
+    any_gain = [c for c in design.certificates if c.method == METHOD and "K" in c.data]
+    if stored is None or len(entries) != 1 or not zero_row or not (any_gain or family.objective == "max_period"):
+        return []
+    power = 1.0 / (plant.n - entries[0][1])
+    return [(float(f), float(stored.sampling.T_max) * float(f) ** -power) for f in FACTORS]
+
+
+def _times(matrix: ExactMatrix, factor: Fraction) -> ExactMatrix:
+    return ExactMatrix([[value * Exact(factor) for value in row] for row in matrix.rows])
+
+
+def _ladder(check: Check) -> tuple[Table, ...]:
+    rows = tuple(
+        (name.removeprefix("period_max."), _number(bound.proved), _number(bound.refuted))
+        for name, bound in check.bounds.items()
+        if name.startswith("period_max")
+    )
+    return (
+        Table("periods", "Largest period by method", "What each method proves for this gain.", ("method", "proved", "refuted above"), rows),
+    )
+
+
+def _number(text: str | None) -> float | None:
+    return None if text is None else float(text)
+
+
+def _notes(family: Reachability, plant: Plant, design: Design) -> tuple[str, ...]:
+    notes: list[str] = []
+    if family.set != "clarke":
+        notes.append("The set M is the typed one; that it holds every reachable error is the claim set.inclusion.")
+    if design.sampling.kind == "periodic":
+        notes.append("For constant periods a proof at one period says nothing of a shorter one.")
+    return tuple(notes)
