@@ -12,6 +12,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from cdobs_cli.errors import ArtefactError
 from cdobs_cli.run import Run, RunSummary, Trajectory
 
@@ -21,8 +23,6 @@ if TYPE_CHECKING:
 
 def arrays(run: Run) -> dict[str, NDArray[Any]]:
     """Every array of a run, by key."""
-    import numpy as np
-
     every = run.trajectories
     first = every[0]
     result: dict[str, NDArray[Any]] = {
@@ -77,8 +77,6 @@ def _read(stored: Mapping[str, NDArray[Any]], document: Mapping[str, Any]) -> Ru
 
 def to_bytes(run: Run) -> bytes:
     """`simulation.npz`; the same run gives the same bytes."""
-    import numpy as np
-
     stream = io.BytesIO()
     np.savez_compressed(stream, **arrays(run))  # type: ignore[arg-type]
     return stream.getvalue()
@@ -87,8 +85,6 @@ def to_bytes(run: Run) -> bytes:
 def from_file(path: Path, document: Mapping[str, Any]) -> Run:
     """Raises: ArtefactError where the file is missing, damaged, or not of this document."""
     import zipfile
-
-    import numpy as np
 
     try:
         with np.load(path, allow_pickle=False) as stored:

@@ -10,12 +10,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
+from types import CodeType
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from cdobs_cli.simulate import tableau
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
@@ -27,42 +30,84 @@ ATOL = 1e-12  # of the size a state has reached
 SMALLEST_SHARE = 1e-2
 
 
+_A = [np.array(row) for row in tableau.A]
+_E5, _E3, _D = np.array(tableau.E5), np.array(tableau.E3), np.array(tableau.D)
+_A_EXTRA = [np.array(row) for row in tableau.A_EXTRA]
+
+
 def scalar_step(flow: Callable[..., tuple[float, ...]], size: int) -> Callable[..., Any]:
     """step(t, h, y, k, held, floor) -> (y_new, k_new, error, slopes) over tuples of floats.
 
     k is the slope at (t, y), k_new the one at the new state, error the weighted norm (a step is good up to
     1), slopes the thirteen tuples that dense output starts from. Source: HairerNorsettWanner1993, II.10.
     """
+    return _function(_step_code(size), "step", flow)
+
+
+def scalar_dense_output(flow: Callable[..., tuple[float, ...]], size: int) -> Callable[..., Any]:
+    """dense(t, h, y, y_new, slopes, held): the coefficients of `dense_output`, seven tuples of floats."""
+    return _function(_dense_code(size), "dense", flow)
+
+
+@lru_cache(maxsize=32)
+def _step_code(size: int) -> CodeType:
     parts = range(size)
-    lines = ["def step(t, h, y, k0, held, floor):"]
-
-    def unpack(name: str, value: str) -> None:
-        lines.append(f"    {''.join(f'{name}_{i}, ' for i in parts)} = {value}")
-
-    def combination(weights: tuple[float, ...], i: int) -> str:
-        return " + ".join(f"{weight!r} * k{j}_{i}" for j, weight in enumerate(weights) if weight)
-
-    unpack("y", "y")
-    unpack("k0", "k0")
-    unpack("floor", "floor")
+    lines = ["def step(t, h, y, k0, held, floor):", *(_unpacked(name, size) for name in ("y", "k0", "floor"))]
     for s in range(1, 13):
-        time = "t + h" if s == 12 else f"t + {tableau.C[s]!r} * h"
-        for i in parts:
-            lines.append(f"    z_{i} = y_{i} + h * ({combination(tableau.A[s], i)})")
-        lines.append(f"    k{s} = flow({time}, {''.join(f'z_{i}, ' for i in parts)}*held)")
-        unpack(f"k{s}", f"k{s}")
+        lines += [f"    z_{i} = y_{i} + h * ({_combination(tableau.A[s], i)})" for i in parts]
+        lines += [_stage(s, "t + h" if s == 12 else f"t + {tableau.C[s]!r} * h", size), _unpacked(f"k{s}", size)]
     lines.append("    five = three = 0.0")
     for i in parts:
         lines.append(f"    scale = floor_{i} + {RTOL!r} * max(abs(y_{i}), abs(z_{i}))")
-        lines.append(f"    part = ({combination(tableau.E5, i)}) / scale; five += part * part")
-        lines.append(f"    part = ({combination(tableau.E3, i)}) / scale; three += part * part")
+        lines.append(f"    part = ({_combination(tableau.E5, i)}) / scale; five += part * part")
+        lines.append(f"    part = ({_combination(tableau.E3, i)}) / scale; three += part * part")
     lines.append(f"    error = h * five / sqrt((five + 0.01 * three) * {size}) if five else 0.0")
     slopes = "".join(f"k{s}, " for s in range(13))
     lines.append(f"    return ({''.join(f'z_{i}, ' for i in parts)}), k12, error, ({slopes})")
+    return _compiled(lines)
+
+
+@lru_cache(maxsize=32)
+def _dense_code(size: int) -> CodeType:
+    parts = range(size)
+    lines = ["def dense(t, h, y, new, slopes, held):", _unpacked("y", size), _unpacked("new", size)]
+    lines += [f"    {''.join(f'k{s}, ' for s in range(13))} = slopes", *(_unpacked(f"k{s}", size) for s in range(13))]
+    for extra, (c, row) in enumerate(zip(tableau.C_EXTRA, tableau.A_EXTRA, strict=True)):
+        lines += [f"    z_{i} = y_{i} + h * ({_combination(row, i)})" for i in parts]
+        lines += [_stage(13 + extra, f"t + {c!r} * h", size), _unpacked(f"k{13 + extra}", size)]
+    lines += [f"    change_{i} = new_{i} - y_{i}" for i in parts]
+    results = [
+        [f"change_{i}" for i in parts],
+        [f"h * k0_{i} - change_{i}" for i in parts],
+        [f"2 * change_{i} - h * (k12_{i} + k0_{i})" for i in parts],
+        *([f"h * ({_combination(row, i)})" for i in parts] for row in tableau.D),
+    ]
+    lines.append(f"    return ({''.join('(' + ''.join(f'{value}, ' for value in row) + '), ' for row in results)})")
+    return _compiled(lines)
+
+
+def _unpacked(name: str, size: int) -> str:
+    return f"    {''.join(f'{name}_{i}, ' for i in range(size))} = {name}"
+
+
+def _combination(weights: tuple[float, ...], i: int) -> str:
+    return " + ".join(f"{weight!r} * k{j}_{i}" for j, weight in enumerate(weights) if weight)
+
+
+def _stage(s: int, time: str, size: int) -> str:
+    return f"    k{s} = flow({time}, {''.join(f'z_{i}, ' for i in range(size))}*held)"
+
+
+def _compiled(lines: list[str]) -> CodeType:
+    """Our own text, made from the tableau: it depends on the number of states only."""
+    return compile("\n".join(lines), "<Dormand-Prince>", "exec")
+
+
+def _function(code: CodeType, name: str, flow: Callable[..., tuple[float, ...]]) -> Callable[..., Any]:
     table: dict[str, Any] = {"flow": flow, "sqrt": math.sqrt}
-    exec(compile("\n".join(lines), "<Dormand-Prince step>", "exec"), table)  # noqa: S102 - our own code, from the tableau
-    step: Callable[..., Any] = table["step"]
-    return step
+    exec(code, table)  # noqa: S102 - see `_compiled`
+    function: Callable[..., Any] = table[name]
+    return function
 
 
 def array_step(
@@ -73,19 +118,17 @@ def array_step(
     Shapes: t, h (R,); y, k, floor (n, R); held (c, R); returns y_new (n, R), k_new (n, R), error (R,) and
     the slopes (13, n, R). Undefined values make the error nan.
     """
-    import numpy as np
-
     size, runs = y.shape
     slopes = np.empty((13, size, runs))
     slopes[0] = k
     flat = slopes.reshape(13, -1)
     z = y
     for s in range(1, 13):
-        z = y + h * (np.array(tableau.A[s]) @ flat[:s]).reshape(size, runs)
+        z = y + h * (_A[s] @ flat[:s]).reshape(size, runs)
         slopes[s] = slope(t + (h if s == 12 else tableau.C[s] * h), z, held)
     scale = floor + RTOL * np.maximum(np.abs(y), np.abs(z))
-    five = (((np.array(tableau.E5) @ flat).reshape(size, runs) / scale) ** 2).sum(axis=0)
-    three = (((np.array(tableau.E3) @ flat).reshape(size, runs) / scale) ** 2).sum(axis=0)
+    five = (((_E5 @ flat).reshape(size, runs) / scale) ** 2).sum(axis=0)
+    three = (((_E3 @ flat).reshape(size, runs) / scale) ** 2).sum(axis=0)
     error = np.where(five == 0, 0.0, h * five / np.sqrt((five + 0.01 * three) * size + 1e-300))
     return z, slopes[12], error, slopes
 
@@ -95,15 +138,12 @@ def dense_output(slope: Callable[[Any, Array], Array], t: Any, h: Any, y: Array,
 
     slopes (13, n, ..); returns (7, n, ..), to be read by `interpolate`.
     """
-    import numpy as np
-
     every = np.concatenate([slopes, np.empty((3, *slopes.shape[1:]))])
     flat = every.reshape(16, -1)
-    for extra, (c, row) in enumerate(zip(tableau.C_EXTRA, tableau.A_EXTRA, strict=True)):
-        s = 13 + extra
-        every[s] = slope(t + c * h, y + h * (np.array(row) @ flat[:s]).reshape(y.shape))
+    for s, c, row in zip((13, 14, 15), tableau.C_EXTRA, _A_EXTRA, strict=True):
+        every[s] = slope(t + c * h, y + h * (row @ flat[:s]).reshape(y.shape))
     change, first, last = new - y, every[0], every[12]
-    high = h * (np.array(tableau.D) @ flat).reshape(4, *y.shape)
+    high = h * (_D @ flat).reshape(4, *y.shape)
     return np.concatenate([np.array([change, h * first - change, 2 * change - h * (last + first)]), high])
 
 
@@ -113,6 +153,16 @@ def interpolate(coefficients: Array, y: Array, theta: Any) -> Array:
     for index, coefficient in enumerate(coefficients[::-1]):
         value = (value + coefficient) * (theta if index % 2 == 0 else 1 - theta)
     return y + value  # type: ignore[no-any-return]
+
+
+def interpolate_one(coefficients: Array, y: Array, theta: Array) -> Array:
+    """The same for one run at several theta (m,): coefficients (7, n), y (n,); returns (n, m)."""
+    powers = np.empty((7, len(theta)))
+    powers[0] = theta
+    factors = (1 - theta, theta)
+    for index in range(1, 7):
+        np.multiply(powers[index - 1], factors[(index - 1) % 2], out=powers[index])
+    return y[:, None] + coefficients.T @ powers
 
 
 def next_step(error: float) -> float:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from cdobs_cli.errors import Problem, SpecError
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import HybridSystem
@@ -21,7 +23,6 @@ from cdobs_cli.simulate.summary import summarise
 from cdobs_cli.simulate.watch import Watch
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
@@ -44,8 +45,6 @@ def simulate(system: HybridSystem, plan: SimulationPlan, law: SamplingLaw) -> Ru
         SpecError: a signal outside its declared interval, a period outside the law, a start that needs a box
             that is not given, more samples or runs than can be had.
     """
-    import numpy as np
-
     with np.errstate(all="ignore"):
         return _Simulation(system, plan, law).run()
 
@@ -54,8 +53,6 @@ class _Simulation:
     """One call of `simulate`; all runs, each at its own time."""
 
     def __init__(self, system: HybridSystem, plan: SimulationPlan, law: SamplingLaw) -> None:
-        import numpy as np
-
         self.plan, self.runs, self.horizon = plan, plan.runs, float(plan.horizon)
         _refuse_impossible(system, plan)
         signals = Signals.of(system.plant, plan.signals, system.observer.control)
@@ -75,8 +72,6 @@ class _Simulation:
         self.next = np.full(self.runs, self.horizon)
 
     def run(self) -> Run:
-        import numpy as np
-
         self._begin()
         progress, watch = self.progress, self.watch
         going, index = np.flatnonzero(~watch.halted), 0
@@ -91,15 +86,19 @@ class _Simulation:
             elif due.size:
                 self._sample(due, index)
             going = going[~watch.halted[going] & (progress.t[going] < self.horizon)]
+        self._look_at_the_end()
         final_t = np.where(watch.halted, watch.stop_t, progress.t)
         final_y = np.where(watch.halted, watch.stop_y, progress.y)
         final_held = np.where(watch.halted, watch.stop_held, progress.held)
         return summarise(self.loop, watch, self.record, final_t, final_y, final_held)
 
+    def _look_at_the_end(self) -> None:
+        """A jump at the horizon is followed by no flow that would look at it."""
+        runs = np.flatnonzero(~self.watch.halted)
+        self.watch(runs, self.progress.t[runs], self.progress.y[:, runs], self.progress.held[:, runs])
+
     def _begin(self) -> None:
         """Place all runs at t_0, measure there, and jump where the observer does."""
-        import numpy as np
-
         runs, zeros = np.arange(self.runs), np.zeros(self.runs)
         x = self._initial_states()
         no_observer = np.zeros((self.loop.size - len(x), self.runs))
@@ -129,7 +128,6 @@ class _Simulation:
         self.record.measured.append((runs, t, measured))
         self.record.sides.add(index, runs, t, y, held, after, held_after)
         progress.y[:, runs], progress.held[:, runs] = after, held_after
-        self.watch(runs, t, after, held_after)
         if self.timetable is not None:
             self.next[runs] = self.timetable.after(runs, index, t)
             return
@@ -143,8 +141,8 @@ class _Simulation:
 
     def _halt_stuck(self, runs: Integers, codes: Integers) -> None:
         """Turn an integrator that cannot go on into a sentence."""
-        import numpy as np
-
+        if codes.max() < End.SINGULAR:
+            return
         self._halt(runs[codes == End.EXHAUSTED], f"more than {self.max_steps} integration steps: the flow is too fast for this horizon")
         for run in runs[codes == End.SINGULAR]:
             largest = float(np.max(np.abs(self.progress.y[:, run])))
@@ -162,8 +160,6 @@ class _Simulation:
 
     def _initial_states(self) -> Array:
         """x(0), shape (n, R): typed, or drawn uniformly from the box."""
-        import numpy as np
-
         if self.plan.initial_state is not None:
             return _columns(self.plan.initial_state, self.runs)
         assert self.plan.initial_box is not None
@@ -174,8 +170,6 @@ class _Simulation:
         return x
 
     def _initial_estimate(self) -> Array:
-        import numpy as np
-
         if self.plan.initial_estimate is not None:
             return _columns(self.plan.initial_estimate, self.runs)
         box = self.plan.initial_box
@@ -186,8 +180,6 @@ class _Simulation:
 
 def _columns(values: tuple[Exact, ...], runs: int) -> Array:
     """The same vector for every run, shape (n, R)."""
-    import numpy as np
-
     return np.repeat(np.array([[float(value)] for value in values]), runs, axis=1)
 
 

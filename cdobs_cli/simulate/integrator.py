@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import IntEnum
 from functools import partial
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from cdobs_cli.simulate.dormand_prince import (
     ATOL,
@@ -18,15 +19,15 @@ from cdobs_cli.simulate.dormand_prince import (
     SMALLEST_SHARE,
     array_step,
     dense_output,
-    interpolate,
+    interpolate_one,
     next_step,
+    scalar_dense_output,
     scalar_step,
 )  # fmt: skip
 from cdobs_cli.simulate.loop import ClosedLoop
 from cdobs_cli.simulate.trigger import first_root, polished
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from cdobs_cli.simulate.record import Grid
@@ -37,8 +38,8 @@ if TYPE_CHECKING:
 _FLUSH = 256  # steps of a single run between two looks at divergence and stops
 
 
-class End(IntEnum):
-    """Why the flow of a run ended."""
+class End:
+    """Why the flow of a run ended (plain integers: they fill arrays)."""
 
     REACHED = 0
     TRIGGERED = 1
@@ -64,14 +65,10 @@ class Progress:
 
     @staticmethod
     def start(t: Array, y: Array, held: Array) -> Progress:
-        import numpy as np
-
         return Progress(t, y, held, np.zeros(len(t)), np.zeros_like(y), np.zeros(len(t), dtype=np.int64))
 
     def floor(self, runs: Integers) -> Array:
         """The absolute part of the error weights; `largest` is brought up to date first."""
-        import numpy as np
-
         self.largest[:, runs] = largest = np.maximum(self.largest[:, runs], np.abs(self.y[:, runs]))
         floor: Array = ATOL * np.maximum(largest, SMALLEST_SHARE * largest.max(axis=0)) + 1e-300
         return floor
@@ -87,27 +84,20 @@ class OneRun:
     def __init__(self, loop: ClosedLoop, horizon: float, max_steps: int) -> None:
         self.loop, self.horizon, self.max_steps = loop, horizon, max_steps
         self._flow = loop.scalar_flow()
-        self._step = scalar_step(self._flow, loop.size)
+        self._step, self._interpolant = scalar_step(self._flow, loop.size), scalar_dense_output(self._flow, loop.size)
 
     def advance(self, runs: Integers, progress: Progress, ends: Array, grid: Grid, watch: Watch) -> Integers:
         """Flow the run to its end; returns the End code, shape (1,)."""
-        import numpy as np
-
         t, h, end = float(progress.t[0]), float(progress.h[0]), float(ends[0])
         y, held = tuple(progress.y[:, 0].tolist()), tuple(progress.held[:, 0].tolist())
         floor, steps = tuple(progress.floor(runs)[:, 0].tolist()), int(progress.steps[0])
         triggered, smallest = self.loop.observer.trigger is not None, 1e-15 * self.horizon
-        seen_t: list[float] = []
-        seen_y: list[tuple[float, ...]] = []
-        code = End.REACHED
+        # The state just after a jump has not been looked at yet.
+        seen_t, seen_y, code = [t], [y], End.REACHED
 
         def look() -> bool:
             points = len(seen_t)
-            if not points:
-                return False
-            halted = watch(
-                np.zeros(points, dtype=np.int64), np.array(seen_t), np.array(seen_y).T, np.tile(progress.held, (1, points))
-            )  # fmt: skip
+            halted = watch(np.zeros(points, dtype=np.int64), np.array(seen_t), np.array(seen_y).T, np.repeat(progress.held, points, axis=1))
             seen_t.clear()
             seen_y.clear()
             return bool(halted[0])
@@ -144,17 +134,17 @@ class OneRun:
                         until, new, code = t + float(part[0]), tuple(new[:, 0].tolist()), End.TRIGGERED
                 points, places = grid.take(0, until)
                 if len(points):
-                    states = interpolate(coefficients[:, :, None], before[:, None], (points - t) / tried)
+                    states = interpolate_one(coefficients, before, (points - t) / tried)
                     grid.put(0, places, states, progress.held)
             h, t, y, k = suggested, until, new, last
             seen_t.append(t)
             seen_y.append(y)
-            if code is End.TRIGGERED:
+            if code == End.TRIGGERED:
                 break
             if len(seen_t) >= _FLUSH and look():
                 code = End.HALTED
                 break
-        if look():
+        if seen_t and look():
             code = End.HALTED
         progress.t[0], progress.h[0], progress.y[:, 0], progress.steps[0] = t, h, y, steps
         return np.array([code])
@@ -174,18 +164,13 @@ class OneRun:
             return y, k, float("nan"), ()
 
     def _part(self, t: float, y: Any, k: Any, held: Any, floor: Any, s: Array) -> Array:
-        import numpy as np
-
         return np.array(self._try(t, float(s[0]), y, k, held, floor)[0])[:, None]
 
     def _dense(self, t: float, h: float, y: Any, new: Any, slopes: Any, held: Any) -> Array:
-        import numpy as np
-
-        def slope(time: float, state: Array) -> Array:
-            k = self._slope(time, tuple(state.tolist()), held)
-            return np.full(len(state), np.nan) if k is None else np.array(k)
-
-        return dense_output(slope, t, h, np.array(y), np.array(new), np.array(slopes))
+        try:
+            return np.array(self._interpolant(t, h, y, new, slopes, held), dtype=float)
+        except (ArithmeticError, ValueError, TypeError):
+            return np.full((7, len(y)), np.nan)
 
 
 class ManyRuns:
@@ -197,9 +182,7 @@ class ManyRuns:
 
     def advance(self, runs: Integers, progress: Progress, ends: Array, grid: Grid, watch: Watch) -> Integers:
         """Flow the given runs to their ends (len(runs),); returns an End code for each."""
-        import numpy as np
-
-        codes = np.full(len(runs), int(End.REACHED))
+        codes = np.full(len(runs), End.REACHED)
         triggered = self.loop.observer.trigger is not None
         smallest = 1e-15 * self.horizon
         floor = progress.floor(runs)
@@ -208,6 +191,8 @@ class ManyRuns:
         for i in fresh:
             progress.h[runs[i]] = _first_step(progress.y[:, runs[i]], k[:, i], floor[:, i], self.horizon)
         codes[~np.isfinite(k).all(axis=0)] = End.SINGULAR
+        # The states just after a jump have not been looked at yet.
+        codes[watch(runs, progress.t[runs], progress.y[:, runs], progress.held[:, runs])[runs]] = End.HALTED
         live = np.flatnonzero((codes == End.REACHED) & (progress.t[runs] < ends))
         while live.size:
             ids = runs[live]
@@ -262,8 +247,6 @@ class ManyRuns:
 
 def _next_steps(error: Array) -> Array:
     """`next_step` over an array."""
-    import numpy as np
-
     with np.errstate(divide="ignore"):
         factor = np.clip(0.9 * np.abs(error) ** (-1 / 8), 0.2, 6.0)
     return np.where(np.isfinite(error), factor, 0.2)
@@ -271,8 +254,6 @@ def _next_steps(error: Array) -> Array:
 
 def _first_step(y: Array, k: Array, floor: Array, horizon: float) -> float:
     """A cautious first step: the state changes by about a hundredth of its size."""
-    import numpy as np
-
     scale = floor + RTOL * np.abs(y)
     size, rate = float(np.max(np.abs(y) / scale)), float(np.max(np.abs(k) / scale))
     if not np.isfinite(rate) or rate == 0.0:

@@ -10,13 +10,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.exact.expression import Expression, Variable
 from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.simulate.signals import Signals
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
@@ -52,8 +53,6 @@ class View:
     @property
     def margin(self) -> Array:
         """min over the states of min(x - x_lower, x_upper - x), shape (P,); nan comes out as -inf."""
-        import numpy as np
-
         inside = np.minimum(self.x - self.estimates["x_lower"], self.estimates["x_upper"] - self.x).min(axis=0)
         return np.where(np.isnan(inside), -np.inf, inside)
 
@@ -103,8 +102,6 @@ class ClosedLoop:
     def start(self, y: Array, lower: Array | None, upper: Array | None, estimate: Array, x: Array) -> Array:
         """All states at t = 0, shape (size, R), from the first measurement (p, R), the known box of x(0)
         and the initial estimate (n, R)."""
-        import numpy as np
-
         values = {f"initial.{name}": row for name, row in zip(self.plant.states, estimate, strict=True)}
         if lower is not None and upper is not None:
             values |= {f"lower.{name}": row for name, row in zip(self.plant.states, lower, strict=True)}
@@ -121,8 +118,6 @@ class ClosedLoop:
 
     def hold(self, t: Array, y: Array, held: Array) -> Array:
         """What is held from a sample at t on: the controlled inputs, evaluated after the jump, and t itself."""
-        import numpy as np
-
         since = np.concatenate([held[:-1], t[None]])
         return np.concatenate([stacked(self._control(t, *y, *since), len(t)), t[None]])
 
@@ -133,13 +128,13 @@ class ClosedLoop:
         return value
 
     def see(self, t: Array, y: Array, held: Array) -> View:
-        values = list(stacked(self._see(t, *y, *held), len(t)))
+        values = stacked(self._see(t, *y, *held), len(t))
+        place = 0
 
         def take(count: int) -> Array:
-            import numpy as np
-
-            taken = [values.pop(0) for _ in range(count)]
-            return np.array(taken).reshape(count, len(t))
+            nonlocal place
+            place += count
+            return values[place - count : place]
 
         estimates = {name: take(len(rows)) for name, rows in self.observer.estimates.items()}
         internals = {name: take(1)[0] for name in self.observer.internals}
@@ -149,8 +144,6 @@ class ClosedLoop:
 
 def stacked(values: tuple[Any, ...], points: int) -> Array:
     """Rows that may be plain numbers as one array (rows, points)."""
-    import numpy as np
-
     result = np.empty((len(values), points))
     for row, value in zip(result, values, strict=True):
         row[:] = value

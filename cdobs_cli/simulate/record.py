@@ -6,10 +6,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from cdobs_cli.simulate.dormand_prince import interpolate
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
@@ -17,21 +18,19 @@ if TYPE_CHECKING:
 
 GRID_POINTS = 2001  # of one run; fewer for many
 SMALLEST_GRID = 21
-BUDGET = 4_000_000  # numbers kept on the grid, and again at jumps
+BUDGET = 2_000_000  # numbers kept on the grid, and again at jumps
 
 
 class Grid:
     """States of every run at common, equally spaced times 0 .. horizon.
 
-    times (G + 1,), the last one infinite; y (n, G, R); held (c, G, R); due (R,): next place to be filled.
+    times (G + 1,), the last one infinite; y (R, n, G); held (R, c, G); due (R,): next place to be filled.
     """
 
     def __init__(self, horizon: float, size: int, held: int, runs: int) -> None:
-        import numpy as np
-
         points = max(SMALLEST_GRID, min(GRID_POINTS, BUDGET // ((size + held) * runs)))
         self.times = np.append(np.linspace(0.0, horizon, points), np.inf)
-        self.y, self.held = np.empty((size, points, runs)), np.empty((held, points, runs))
+        self.y, self.held = np.empty((runs, size, points)), np.empty((runs, held, points))
         self.due = np.zeros(runs, dtype=np.int64)
 
     def next_time(self, run: int) -> float:
@@ -42,20 +41,16 @@ class Grid:
 
     def take(self, run: int, until: float) -> tuple[Array, slice]:
         """Times up to `until` that are still empty for this run, and their places; they count as filled."""
-        import numpy as np
-
         first, last = int(self.due[run]), int(np.searchsorted(self.times, until, side="right"))
         self.due[run] = max(first, last)
         return self.times[first : max(first, last)], slice(first, max(first, last))
 
     def put(self, run: int, places: slice, y: Array, held: Array) -> None:
         """y (n, places), held (c, 1)."""
-        self.y[:, places, run], self.held[:, places, run] = y, held
+        self.y[run, :, places], self.held[run, :, places] = y, held
 
     def fill(self, runs: Integers, until: Array, t: Array, h: Array, coefficients: Array, y: Array, held: Array) -> None:
         """Read all times up to `until` (R',) from the dense output of steps that began at t (R',)."""
-        import numpy as np
-
         while True:
             due = np.flatnonzero(self.times[self.due[runs]] <= until)
             if not due.size:
@@ -63,8 +58,8 @@ class Grid:
             ids = runs[due]
             places = self.due[ids]
             theta = (self.times[places] - t[due]) / h[due]
-            self.y[:, places, ids] = interpolate(coefficients[:, :, due], y[:, due], theta)
-            self.held[:, places, ids] = held[:, due]
+            self.y[ids, :, places] = interpolate(coefficients[:, :, due], y[:, due], theta).T
+            self.held[ids, :, places] = held[:, due].T
             self.due[ids] += 1
 
 
@@ -89,8 +84,6 @@ class Sides:
 
 def _coincides(t: Array, instants: Array, slack: float) -> NDArray[np.bool_]:
     """Which times are within rounding of one of the (sorted) instants."""
-    import numpy as np
-
     after = np.searchsorted(instants, t).clip(1, max(1, len(instants) - 1))
     nearest = np.minimum(np.abs(instants[after - 1] - t), np.abs(instants[np.minimum(after, len(instants) - 1)] - t))
     close: NDArray[np.bool_] = nearest <= slack
@@ -110,44 +103,38 @@ class Record:
 
         A grid time at which the run was sampled is left out: the two sides of the jump stand for it.
         """
-        import numpy as np
-
-        runs = len(final_t)
-        jumps: list[list[tuple[float, Array, Array, Array, Array]]] = [[] for _ in range(runs)]
-        for _, ids, t, before, held_before, after, held_after in self.sides.entries:
-            for column, run in enumerate(ids):
-                jumps[run].append((t[column], before[:, column], held_before[:, column], after[:, column], held_after[:, column]))
+        runs, size = len(final_t), len(final_y)
+        entries = self.sides.entries
+        ids = np.concatenate([entry[1] for entry in entries])
+        # One row a jump: time, both states, what was held before and after.
+        rows = np.concatenate([np.concatenate([entry[2][None], entry[3], entry[5], entry[4], entry[6]]) for entry in entries], axis=1)
         result = []
-        for run in range(runs):
-            count = int(self.grid.due[run])
+        for run, jumps in enumerate(_by_run(ids, rows, runs)):
             end = float(final_t[run])
-            taken = np.flatnonzero(self.grid.times[:count] <= end)
-            parts = [(self.grid.times[taken], np.zeros(len(taken)), self.grid.y[:, taken, run], self.grid.held[:, taken, run])]
-            inside = [jump for jump in jumps[run] if jump[0] <= end]
-            if inside:
-                t_k = np.array([jump[0] for jump in inside])
-                clear = ~_coincides(parts[0][0], t_k, 1e-9 * float(self.grid.times[1]))
-                parts = [(parts[0][0][clear], parts[0][1][clear], parts[0][2][:, clear], parts[0][3][:, clear])]
-                for order, y_at, held_at in ((1, 1, 2), (2, 3, 4)):
-                    y, held = np.array([jump[y_at] for jump in inside]).T, np.array([jump[held_at] for jump in inside]).T
-                    parts.append((t_k, np.full(len(t_k), order), y, held))
-            if not any(part[0].size and part[0].max() >= end for part in parts):
-                parts.append((np.array([end]), np.array([3]), final_y[:, [run]], final_held[:, [run]]))
-            t = np.concatenate([part[0] for part in parts])
-            sorted_ = np.lexsort((np.concatenate([part[1] for part in parts]), t))
-            y = np.concatenate([part[2] for part in parts], axis=1)[:, sorted_]
-            held = np.concatenate([part[3] for part in parts], axis=1)[:, sorted_]
-            result.append((t[sorted_], y, held))
+            jumps = jumps[:, jumps[0] <= end]
+            t_k, before, after = jumps[0], jumps[1 : 1 + size], jumps[1 + size : 1 + 2 * size]
+            held_before, held_after = np.split(jumps[1 + 2 * size :], 2)
+            times = self.grid.times[: int(self.grid.due[run])]
+            taken = np.flatnonzero((times <= end) & ~_coincides(times, t_k, 1e-9 * float(self.grid.times[1])))
+            t, order = np.concatenate([times[taken], t_k, t_k]), np.repeat([0, 1, 2], [len(taken), len(t_k), len(t_k)])
+            y = np.concatenate([self.grid.y[run][:, taken], before, after], axis=1)
+            held = np.concatenate([self.grid.held[run][:, taken], held_before, held_after], axis=1)
+            if not t.max() >= end:
+                t, order = np.append(t, end), np.append(order, 3)
+                y, held = np.append(y, final_y[:, [run]], axis=1), np.append(held, final_held[:, [run]], axis=1)
+            places = np.lexsort((order, t))
+            result.append((t[places], y[:, places], held[:, places]))
         return result
 
     def measurements(self, runs: int) -> list[tuple[Array, Array]]:
         """For each run: t_k (K,), y_k (K, p)."""
-        import numpy as np
+        ids = np.concatenate([entry[0] for entry in self.measured])
+        rows = np.concatenate([np.concatenate([t[None], y]) for _, t, y in self.measured], axis=1)
+        return [(own[0], own[1:].T) for own in _by_run(ids, rows, runs)]
 
-        times: list[list[Any]] = [[] for _ in range(runs)]
-        values: list[list[Any]] = [[] for _ in range(runs)]
-        for ids, t, y in self.measured:
-            for column, run in enumerate(ids.tolist()):
-                times[run].append(t[column])
-                values[run].append(y[:, column])
-        return [(np.array(t), np.array(y)) for t, y in zip(times, values, strict=True)]
+
+def _by_run(ids: Integers, columns: Array, runs: int) -> list[Array]:
+    """The columns of each run, in their order; every run has at least one."""
+    order = np.argsort(ids, kind="stable")
+    starts = np.searchsorted(ids[order], np.arange(1, runs))
+    return np.split(columns[:, order], starts, axis=1)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from cdobs_cli.errors import Problem, SpecError
 from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.plant import SamplingLaw
@@ -12,7 +14,6 @@ from cdobs_cli.simulate.loop import stacked
 from cdobs_cli.simulate.signals import Draws
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
@@ -50,8 +51,6 @@ class Timetable:
 
     def after(self, runs: Integers, index: int, t: Array) -> Array:
         """The instants that follow sample number `index`, which was at t (len(runs),)."""
-        import numpy as np
-
         if self._typed is not None:
             period = stacked(self._typed(t), len(t))[0]
             self._refuse_outside(t, period)
@@ -65,8 +64,6 @@ class Timetable:
         return np.where(np.abs(after - self.horizon) <= 1e-12 * self.horizon, self.horizon, after)
 
     def _refuse_outside(self, t: Array, period: Array) -> None:
-        import numpy as np
-
         wrong = ~((period > 0) & (period >= self.low * (1 - _SLACK)) & (period <= self.high * (1 + _SLACK)))
         if wrong.any():
             first = int(np.argmax(wrong))

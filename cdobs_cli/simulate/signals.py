@@ -10,6 +10,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from cdobs_cli.errors import Problem, SpecError
 from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.exact.expression import ZERO, Call, Expression, Power, Variable, power
@@ -17,7 +19,6 @@ from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.plant import Plant
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
@@ -108,8 +109,6 @@ class Signals:
 
         t (P,); values by name (P,).
         """
-        import numpy as np
-
         wanted = set(names)
         for interval in self.ranges:
             if interval.name not in wanted:
@@ -140,8 +139,6 @@ class Draws:
 
     def at(self, purpose: str, kind: str, channel: int, runs: Integers, index: int) -> Array:
         """The number `index` of each given run: uniform on [0, 1) or standard normal, shape (len(runs),)."""
-        import numpy as np
-
         key = (purpose, channel)
         if key not in self._streams:
             self._streams[key] = [
@@ -167,8 +164,6 @@ class Noise:
 
     def at(self, runs: Integers, index: int, t: Array) -> Array:
         """Noise of sample number `index` of each given run, at its time: shape (p, len(runs)), or (0, ..)."""
-        import numpy as np
-
         drawn = [self.draws.at("noise", kind, channel, runs, index) for channel, kind in enumerate(self.signals.draws)]
         values = [np.broadcast_to(value, t.shape) for value in self._values(t, *drawn)]
         self.signals.refuse_outside(self.signals.noise, t, dict(zip(self.signals.noise, values, strict=True)))

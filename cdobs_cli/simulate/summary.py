@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from cdobs_cli.run import Run, RunSummary, Trajectory
 from cdobs_cli.simulate.loop import ClosedLoop, View
 from cdobs_cli.simulate.record import Record
 from cdobs_cli.simulate.watch import Watch, outside_domain
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
@@ -41,24 +42,21 @@ def _summary(
 ) -> RunSummary:
     """The figures of one run. Periods are between its measurements, the one at t_0 included; rmse is the
     root of the time average of the squared error (trapezoids over the output grid)."""
-    import numpy as np
-
-    periods = np.diff(trajectory.t_k)
+    # Instants are good to about 1e-12: digits beyond that are rounding of the differences.
+    periods = [float(f"{period:.12g}") for period in np.diff(trajectory.t_k)]
     error, rmse, final = seen.error, {}, None
     if error is not None:
         final = float(np.sqrt((error[:, -1] ** 2).sum()))
         rmse = {name: _root_mean_square(trajectory.t, row) for name, row in zip(states, error, strict=True)}
     return RunSummary(
-        len(trajectory.t_k), float(periods.min()) if periods.size else None, float(periods.max()) if periods.size else None,
+        len(trajectory.t_k), min(periods, default=None), max(periods, default=None),
         final, rmse, margin, diverged, left_domain, trajectory.stopped,
     )  # fmt: skip
 
 
 def _root_mean_square(t: Array, values: Array) -> float:
-    import numpy as np
-
     length = float(t[-1] - t[0])
-    return float(np.sqrt(np.trapezoid(values * values, t) / length)) if length > 0 else float(abs(values[-1]))
+    return float(np.sqrt(np.diff(t) @ (values[:-1] ** 2 + values[1:] ** 2) / (2 * length))) if length > 0 else float(abs(values[-1]))
 
 
 def overall(summaries: Sequence[RunSummary]) -> RunSummary:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from cdobs_cli.simulate.dormand_prince import interpolate
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
@@ -24,8 +25,6 @@ def first_root(trigger: Trigger, coefficients: Array, y: Array, t: Any, h: Any, 
     coefficients (7, n, R), y (n, R), t and h (R,) or numbers, held (c, R); returns (R,). Between a look
     below 0 and the next at or above it the root is bracketed by regula falsi (Illinois).
     """
-    import numpy as np
-
     runs = y.shape[1]
 
     def value(theta: Array) -> Array:
@@ -71,8 +70,6 @@ def polished(
     `part(s)` is the state after one step of length s (R,). Two Newton corrections with the interpolant's
     slope; a correction beyond the interpolant's accuracy (a root that only touches) is not taken.
     """
-    import numpy as np
-
     back = np.maximum(theta - 1e-4, 0.0)
     rise = trigger(t + theta * h, interpolate(coefficients, y, theta), held) - trigger(
         t + back * h, interpolate(coefficients, y, back), held

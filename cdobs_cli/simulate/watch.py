@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from cdobs_cli.plant import Plant
 from cdobs_cli.simulate.loop import ClosedLoop, View
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
@@ -25,8 +26,6 @@ class Watch:
     """
 
     def __init__(self, loop: ClosedLoop, runs: int) -> None:
-        import numpy as np
-
         self.loop = loop
         self.halted, self.diverged, self.left_domain = (np.zeros(runs, dtype=bool) for _ in range(3))
         self.margin, self.stop_t, self.limit = np.full(runs, np.inf), np.full(runs, np.inf), np.full(runs, np.inf)
@@ -45,15 +44,12 @@ class Watch:
         Raises:
             SpecError: a signal outside its declared interval.
         """
-        import numpy as np
-
         seen = self.loop.see(t, y, held)
         self.loop.signals.refuse_outside(seen.signals, t, seen.signals)
         finite = np.isfinite(y).all(axis=0)
         error = _distance(seen)
         near = finite if error is None else finite & (error <= self.limit[runs])
-        far: NDArray[np.bool_] = np.logical_not(near)
-        reasons: list[tuple[NDArray[np.bool_], str, bool]] = [(far, "the error grew beyond 1e6 (1 + |e0|)", True)]
+        reasons: list[tuple[NDArray[np.bool_], str, bool]] = [(np.logical_not(near), "the error grew beyond 1e6 (1 + |e0|)", True)]
         # A condition that cannot be evaluated is not met.
         reasons += [(~(row > 0), sentence, False) for row, (_, sentence) in zip(seen.stops, self.loop.observer.stops, strict=True)]
         for interval in self.loop.signals.held_ranges:
@@ -61,12 +57,13 @@ class Watch:
             outside = ~((value >= interval.lower - interval.slack) & (value <= interval.upper + interval.slack))
             reasons.append((outside, f"the input {interval.name} that the controller sets left its declared range", False))
         for bad, sentence, diverged in reasons:
-            for point in np.flatnonzero(bad):
+            for point in np.flatnonzero(bad) if bad.any() else ():
                 run = int(runs[point])
                 if t[point] < self.stop_t[run]:
                     self.halt(run, float(t[point]), y[:, point], held[:, point], sentence, diverged=diverged)
         going = finite & (t <= self.stop_t[runs])
-        np.logical_or.at(self.left_domain, runs[going], outside_domain(self.loop.plant, seen)[going])
+        if self.loop.plant.domain:
+            np.logical_or.at(self.left_domain, runs[going], outside_domain(self.loop.plant, seen)[going])
         if seen.encloses:
             np.minimum.at(self.margin, runs[going], seen.margin[going])
         return self.halted
@@ -80,8 +77,6 @@ class Watch:
 
 def _distance(seen: View) -> Array | None:
     """|x_hat - x|, or the larger distance of x from the ends of its interval."""
-    import numpy as np
-
     if "x_hat" in seen.estimates:
         parts = seen.estimates["x_hat"] - seen.x
     elif seen.encloses:
@@ -93,8 +88,6 @@ def _distance(seen: View) -> Array | None:
 
 def outside_domain(plant: Plant, seen: View) -> NDArray[np.bool_]:
     """Where x, or x_hat where it is reported, is outside the declared box, or x breaks a `where` condition."""
-    import numpy as np
-
     outside = (seen.where < -1e-9).any(axis=0) | np.zeros(seen.x.shape[1], dtype=bool)
     for rows in (seen.x, seen.estimates.get("x_hat")):
         if rows is None:

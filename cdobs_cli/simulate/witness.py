@@ -1,0 +1,139 @@
+"""A counterexample of the slope class run again: the error under the witness's own V(t) and sampling periods.
+
+    edot = (base + sum_k v_k(t) left_k right_k) e,    e+ = J e at the samples,    e(0) the growing eigenvector of
+
+    M = J Phi_m .. J Phi_1
+
+Within an arc V is constant, so every point is a matrix exponential away from the arc's start.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cdobs_cli.certificate import Witness
+from cdobs_cli.errors import UsageError
+from cdobs_cli.exact.expression import ExpressionError
+from cdobs_cli.hybrid import HybridInclusion
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+REPLAYED = ("constant", "switching")
+_POINTS = 24  # of an arc
+_GROWTH = 100.0  # how far the error should have grown at the end
+_FEWEST, _MOST = 6, 60  # repetitions of the word
+
+
+@dataclass(frozen=True)
+class Replay:
+    """The run of a witness.
+
+    t (N,) holds both sides of each jump and each switch (equal t twice); e (N, size of the error); V (N, number
+    of uncertain slopes), in the order of `entries`; t_k (K,) the samples; multiplier the growth per word of
+    sampling periods as measured on this run, stated the proved one.
+    """
+
+    t: Array
+    e: Array
+    V: Array
+    t_k: Array
+    entries: tuple[tuple[int, int], ...]
+    multiplier: float
+    stated: str | None
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """For an .npz beside the simulation's."""
+        return {
+            "t": self.t,
+            "e": self.e,
+            "V": self.V,
+            "t_k": self.t_k,
+            "entries": np.array(self.entries, dtype=np.int64).reshape(len(self.entries), 2),
+        }
+
+    def document(self) -> dict[str, Any]:
+        """The figures of the run."""
+        sizes = np.sqrt((self.e * self.e).sum(axis=1))
+        return {
+            "samples": len(self.t_k), "horizon": float(self.t[-1]), "multiplier_measured": self.multiplier,
+            "multiplier_proved": self.stated, "error_first": float(sizes[0]), "error_final": float(sizes[-1]),
+        }  # fmt: skip
+
+
+def replay(inclusion: HybridInclusion, witness: Witness) -> Replay:
+    """Run a `constant` or `switching` witness of the class.
+
+    The word is repeated until the error has grown a hundredfold, at least 6 and at most 60 times. The
+    measured multiplier is |w'e| after one word over |w'e| before, w the left eigenvector of M: for a complex
+    pair |e| itself swings.
+
+    Raises:
+        UsageError: another kind of witness, or one that is not of this inclusion.
+    """
+    from scipy.linalg import expm
+
+    from cdobs_cli.certify.falsify import Word
+
+    if witness.kind not in REPLAYED or witness.about != "class":
+        raise UsageError(f"a witness of kind {witness.kind} (about the {witness.about}) has no V(t) to run; constant and switching have")
+    try:
+        word = Word.from_witness(witness)
+    except (ValueError, KeyError, TypeError, ExpressionError) as error:
+        raise UsageError(f"a witness that cannot be read: {error}") from error
+    if witness.entries != inclusion.entries or any(len(row) != len(inclusion.entries) for row in witness.values):
+        raise UsageError("a witness of other slopes than this design's; run `cdobs check` again")
+    maps = inclusion.floats
+    size = maps.base.shape[0]
+    # One word, as arcs (times from the arc's start, exponentials at them, slopes) and whether a jump follows.
+    arcs: list[tuple[Array, Array, Array, bool]] = []
+    M = np.eye(size)
+    for period in word.periods:
+        for position, arc in enumerate(period):
+            v = np.array([float(value) for value in arc.values])
+            times = np.linspace(0.0, float(arc.length), _POINTS)
+            flow = np.array([expm(maps.flow(tuple(v)) * s) for s in times])
+            jumps = position == len(period) - 1
+            arcs.append((times, flow, v, jumps))
+            M = (maps.jump @ flow[-1] if jumps else flow[-1]) @ M
+    values, left, right = _eigen(M)
+    growth = abs(values)
+    words = _MOST if growth <= 1.0 + 1e-9 else int(np.clip(np.ceil(np.log(_GROWTH) / np.log(growth)), _FEWEST, _MOST))
+    e, start = right, 0.0
+    t, states, slopes, samples = [], [], [], [0.0]
+    measured = []
+    for _ in range(words):
+        before = abs(np.vdot(left, e))
+        for times, flow, v, jumps in arcs:
+            t.append(start + times)
+            states.append(flow @ e)
+            slopes.append(np.tile(v, (_POINTS, 1)))
+            e, start = flow[-1] @ e, start + float(times[-1])
+            if jumps:
+                e = maps.jump @ e
+                samples.append(start)
+        measured.append(abs(np.vdot(left, e)) / before)
+    t.append(np.array([start]))
+    states.append(e[None])
+    slopes.append(slopes[-1][-1:])
+    return Replay(
+        np.concatenate(t), np.concatenate(states), np.concatenate(slopes), np.array(samples), inclusion.entries,
+        float(measured[-1]), witness.multiplier,
+    )  # fmt: skip
+
+
+def _eigen(M: Array) -> tuple[complex, Any, Array]:
+    """The eigenvalue of largest modulus, its left eigenvector, and a real start in its invariant space, of size 1."""
+    from scipy.linalg import eig
+
+    values, left, right = eig(M, left=True, right=True)  # type: ignore[misc]
+    largest = int(np.argmax(np.abs(values)))
+    start = np.real(right[:, largest])
+    if np.linalg.norm(start) < 0.1 * np.linalg.norm(right[:, largest]):
+        start = np.imag(right[:, largest])
+    return complex(values[largest]), left[:, largest], start / np.linalg.norm(start)
