@@ -47,12 +47,12 @@ class Updated(Block):
 def _law(value: Any) -> str:
     keys = set(value) if isinstance(value, dict) else set()
     if isinstance(value, Updated) or "updated" in keys:
-        return "updated"
-    return "aperiodic" if isinstance(value, Aperiodic) or keys & {"min_period", "max_period"} else "periodic"
+        return "updated period"
+    return "varying period" if isinstance(value, Aperiodic) or keys & {"min_period", "max_period"} else "constant period"
 
 
 SamplingField = Annotated[
-    Annotated[Periodic, Tag("periodic")] | Annotated[Aperiodic, Tag("aperiodic")] | Annotated[Updated, Tag("updated")],
+    Annotated[Periodic, Tag("constant period")] | Annotated[Aperiodic, Tag("varying period")] | Annotated[Updated, Tag("updated period")],
     Discriminator(_law),
 ]
 

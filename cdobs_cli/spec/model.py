@@ -6,6 +6,7 @@ import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
+from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -85,7 +86,7 @@ def canonical(value: Any) -> Any:
         return value
     if isinstance(value, str):
         return str(value)
-    if isinstance(value, Exact | Expression):
+    if isinstance(value, Exact | Expression | Fraction):
         return str(value)
     if isinstance(value, ExactMatrix):
         return value.texts()
@@ -286,7 +287,11 @@ class _Loader:
             return typed, None
         from cdobs_cli.coordinates import derive
 
-        return derive(typed)
+        try:
+            return derive(typed)
+        except SpecError as error:
+            self.problems += error.problems
+            raise self.fail() from None
 
 
 def _names(typed: Any, kind: type[list[Any]] | type[dict[str, Any]]) -> tuple[str, ...] | None:

@@ -43,9 +43,10 @@ class MapBlock(Block):
     inverse: _formulas("coordinates") | None = None  # type: ignore[valid-type]
 
 
+# Names of union members hold a space: no key of a spec is taken for one.
 CoordinatesField = Annotated[
-    Annotated[Literal["lie"], Tag("word")] | Annotated[MapBlock, Tag("map")],
-    Discriminator(lambda value: "map" if isinstance(value, dict | MapBlock) else "word"),
+    Annotated[Literal["lie"], Tag("one word")] | Annotated[MapBlock, Tag("typed map")],
+    Discriminator(lambda value: "typed map" if isinstance(value, dict | MapBlock) else "one word"),
 ]
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 from pydantic import ConfigDict, Field
 
 from cdobs_cli.errors import Problem
-from cdobs_cli.exact.expression import TYPED_FUNCTIONS, Expression, Variable, nearest
+from cdobs_cli.exact.expression import TYPED_FUNCTIONS, Call, Expression, Number, Variable, nearest
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.families.fields import PositiveNumber, Vector, formula, sized
 from cdobs_cli.plant import SamplingLaw
@@ -84,7 +84,20 @@ def simulation_problems(
     if horizon is not None and longest is not None and not ordered(horizon, longest):
         yield Problem((*at, "horizon"), "too many samples", str(horizon), f"at most {MAX_SAMPLES} periods")
     signals = simulation.signals or SignalsBlock.model_construct()
+    for i, expression in enumerate(signals.v or ()):
+        yield from _draw_problems(expression, (*at, "signals", "v", i))
     yield from _signal_problems(signals, wrong_fields, n, inputs, outputs, disturbed, noisy)
+
+
+def _draw_problems(expression: Expression, at: tuple[str | int, ...]) -> Iterator[Problem]:
+    """Draws that cannot be made, as far as their arguments are numbers."""
+    for node in expression.walk():
+        if isinstance(node, Call) and node.function in ("uniform", "normal"):
+            values = [child.value for child in node.children if isinstance(child, Number)]
+            if node.function == "uniform" and len(values) == 2 and values[0] > values[1]:
+                yield Problem(at, "the lower end is above the upper end", str(node))
+            if node.function == "normal" and values and values[0] < 0:
+                yield Problem(at, "a deviation is not negative", str(node))
 
 
 def _signal_problems(

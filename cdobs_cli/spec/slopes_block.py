@@ -46,8 +46,8 @@ SlopeEntry = Annotated[Any, PlainValidator(_slope), WithJsonSchema(_SLOPE_SCHEMA
 SlopeRow = Annotated[tuple[SlopeEntry, ...], sized(1, MAX_STATES)]
 SlopeTable = Annotated[tuple[SlopeRow, ...], sized(1, MAX_STATES)]
 SlopesField = Annotated[
-    Annotated[Literal["auto"], Tag("word")] | Annotated[SlopeTable, Tag("table")],
-    Discriminator(lambda value: "table" if isinstance(value, list | tuple) else "word"),
+    Annotated[Literal["auto"], Tag("one word")] | Annotated[SlopeTable, Tag("slope table")],
+    Discriminator(lambda value: "slope table" if isinstance(value, list | tuple) else "one word"),
 ]
 
 
