@@ -8,13 +8,32 @@ from cdobs_cli.exact.expression import ZERO, Expression, Variable
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.hybrid import Observer
 from cdobs_cli.plant import Plant
-from cdobs_cli.report.equations import Accent, Digits, Equation, Formula, Operator, Script, Symbol, applied, formula, matrix, name_formula
+from cdobs_cli.report.equations import (
+    APPLIED,
+    GREEK,
+    Accent,
+    Digits,
+    Equation,
+    Formula,
+    Operator,
+    Ratio,
+    Row,
+    Script,
+    Symbol,
+    applied,
+    formula,
+    matrix,
+    name_formula,
+)
 
 MAX_EQUATIONS = 24
 
 
 def dotted(piece: Formula) -> Formula:
-    """The time derivative of a symbol."""
+    """The time derivative of a symbol: a dot, d/dt before a word."""
+    symbol = piece.base if isinstance(piece, Script) else piece
+    if isinstance(symbol, Symbol) and len(symbol.name) > 1 and symbol.name not in GREEK:
+        return Row((Ratio(Symbol("d"), Row((Symbol("d"), APPLIED, Symbol("t")))), piece))
     if isinstance(piece, Script):
         return Script(Accent(piece.base, "dot"), piece.below, piece.above)
     return Accent(piece, "dot")

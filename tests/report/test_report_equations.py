@@ -6,6 +6,7 @@ import pytest
 
 from cdobs_cli.exact.expression import Variable, parse
 from cdobs_cli.report.equations import Equation, formula, latex, latex_block, mathml, mathml_block, name_formula
+from cdobs_cli.report.systems import dotted
 
 NAMES = frozenset({"theta", "omega", "x1", "x_2", "S", "X", "glucose", "u"})
 
@@ -54,3 +55,8 @@ def test_a_formula_too_long_to_read_is_named_by_its_size() -> None:
         shared = shared * (shared + Variable("S"))
     assert "terms" in latex(formula(shared))
     assert len(latex_block([Equation(name_formula("u"), formula(shared))])) < 300
+
+
+def test_derivatives_of_words_and_letters() -> None:
+    assert latex(dotted(name_formula("x1"))) == r"\dot{x}_{1}"
+    assert latex(dotted(name_formula("glucose"))) == r"\frac{d}{d t} \mathrm{glucose}"
