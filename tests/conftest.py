@@ -1,0 +1,58 @@
+"""What several tests need: the command line as a user runs it, and a small spec."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PENDULUM = """\
+spec_version: 1
+title: Pendulum
+plant:
+  states: [theta, omega]
+  A: [[0, 1], [0, 0]]
+  phi: ["0", "sin(theta)"]
+  lipschitz: [[0, 0], [1, 0]]
+measurement:
+  C: [[1, 0]]
+  sampling: {period: 0.6}
+observer:
+  family: reachability
+  method: set
+simulation:
+  horizon: 6
+  initial_state: [1, 0]
+  initial_estimate: [0, 0]
+"""
+
+Cdobs = Callable[..., "subprocess.CompletedProcess[str]"]
+
+
+@pytest.fixture
+def pendulum() -> str:
+    return PENDULUM
+
+
+@pytest.fixture
+def cdobs(tmp_path: Path) -> Cdobs:
+    """Run the command in an empty folder, as its own process."""
+
+    def run(*arguments: object, env: dict[str, str] | None = None, timeout: float = 120) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-m", "cdobs_cli", *map(str, arguments)],
+            cwd=tmp_path,
+            env=os.environ | {"PYTHONPATH": str(ROOT)} | (env or {}),
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+            stdin=subprocess.DEVNULL,
+            check=False,
+        )
+
+    return run
