@@ -50,6 +50,7 @@ Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print findings only.
 Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say where an internal error happened.")]
 NoColor = Annotated[bool, typer.Option("--no-color", help="Plain text (also with NO_COLOR).")]
 RESULTS = Path("results")
+_INTERRUPTED = 130  # what typer makes of Ctrl-C
 STAGES = ("synthesize", "check", "simulate", "report")
 
 
@@ -183,12 +184,14 @@ def run() -> None:
         sys.stderr.close()
         sys.exit(ExitCode.FAILED)
     except (KeyboardInterrupt, typer.Abort):
-        print("cdobs: interrupted; what was written is whole, run again to go on", file=sys.stderr)  # noqa: T201
-        sys.exit(ExitCode.FAILED)
+        code = _INTERRUPTED
     except Exception as error:
         show = getattr(error, "show", None)
         if show is None:
             raise
         show()
         sys.exit(ExitCode.INVALID)
+    if code == _INTERRUPTED:
+        print("cdobs: interrupted; what was written is whole, run again to go on", file=sys.stderr)  # noqa: T201
+        code = ExitCode.FAILED
     sys.exit(code if isinstance(code, int) else ExitCode.HOLDS)
