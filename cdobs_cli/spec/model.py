@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from fractions import Fraction
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, Field
 from pydantic_core import PydanticCustomError
@@ -27,6 +27,9 @@ from cdobs_cli.spec.measurement_block import MeasurementBlock, measurement_probl
 from cdobs_cli.spec.plant_block import MAX_PARAMETERS, PlantBlock, plant_problems, typed_plant
 from cdobs_cli.spec.reader import Document, FieldPath, read, shown
 from cdobs_cli.spec.simulation_block import SimulationBlock, plan, simulation_problems
+
+if TYPE_CHECKING:
+    from cdobs_cli.coordinates import Coordinates
 
 MAX_EXPECTATIONS = 200
 
@@ -48,7 +51,7 @@ class Header(Block):
 class Spec:
     """A spec without mistakes.
 
-    coordinates: the way back to the states that the user typed, where the plant is not in them.
+    coordinates: the way back to the states that the user typed, where `plant` and `simulation` are not in them.
     """
 
     title: str
@@ -59,7 +62,7 @@ class Spec:
     source_path: Path
     document: Document
     typed: TypedDynamics | None = None
-    coordinates: Any = None
+    coordinates: Coordinates | None = None
 
     def location(self, path: FieldPath) -> tuple[str, int, int]:
         """File, line and column of a value, or of the nearest thing around it that was typed."""
@@ -157,7 +160,10 @@ class _Loader:
         measurement, measurement_wrong = self.section(MeasurementBlock, root, "measurement", context)
         if measurement is not None:
             self.problems += measurement_problems(measurement, measurement_wrong, plant, context["states"])
-        family = self.family(root.get("observer"), context) if root.get("observer") is not None else None
+        # The observer's own expressions are over the states that the plant ends up in.
+        family = (
+            self.family(root.get("observer"), {**context, "states": context["coordinates"]}) if root.get("observer") is not None else None
+        )
         simulation, simulation_wrong = self.section(SimulationBlock, root, "simulation", context)
         if simulation is not None:
             law = None if measurement is None or measurement.sampling is None else sampling_law(measurement)
@@ -174,8 +180,7 @@ class _Loader:
 
         noise = None if measurement.noise is None else measurement.noise.box()
         typed = typed_plant(plant, measurement.C, sampling_law(measurement), noise, tuple(context["coordinates"]))
-        run = None if simulation is None else plan(simulation)
-        final, coordinates = self.derive(typed)
+        final, run, coordinates = self.derive(typed, None if simulation is None else plan(simulation))
         self.problems += family.problems(final, run) if family is not None else []
         if self.failed or family is None:
             raise self.fail()
@@ -246,6 +251,8 @@ class _Loader:
 
     def family(self, value: Any, context: dict[str, Any]) -> Family | None:
         at: FieldPath = ("observer",)
+        if value is None:
+            return None
         names = ", ".join(FAMILIES)
         if not isinstance(value, dict):
             self.problems.append(Problem(at, "a mapping is expected", shown(value), "family, and what it takes"))
@@ -281,14 +288,15 @@ class _Loader:
                 blocks.append(block)
         return blocks
 
-    def derive(self, typed: Plant | TypedDynamics) -> tuple[Plant, Any]:
-        """The plant that families see."""
+    def derive(self, typed: Plant | TypedDynamics, run: SimulationPlan | None) -> tuple[Plant, SimulationPlan | None, Coordinates | None]:
+        """The plant that families see, the simulation in its coordinates, and the way back."""
         if isinstance(typed, Plant):
-            return typed, None
+            return typed, run, None
         from cdobs_cli.coordinates import derive
 
         try:
-            return derive(typed)
+            plant, coordinates = derive(typed)
+            return plant, run if run is None or coordinates is None else coordinates.plan(run), coordinates
         except SpecError as error:
             self.problems += error.problems
             raise self.fail() from None
