@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     Integers = NDArray[np.int64]
 
 # No input may hang: a run ends with a finding after so many samples or steps, fewer where there are many runs.
-MAX_RUNS = 20_000
+MAX_RUNS, MAX_STATES_TOGETHER = 20_000, 400_000
 MAX_SAMPLES, MAX_SAMPLES_TOGETHER = 100_000, 5_000_000
 MAX_STEPS, MAX_STEPS_TOGETHER = 200_000, 4_000_000
 
@@ -46,7 +46,13 @@ def simulate(system: HybridSystem, plan: SimulationPlan, law: SamplingLaw) -> Ru
             that is not given, more samples or runs than can be had.
     """
     with np.errstate(all="ignore"):
-        return _Simulation(system, plan, law).run()
+        try:
+            simulation = _Simulation(system, plan, law)
+            simulation.begin()
+        except OverflowError as error:
+            problem = Problem(("simulation",), "a number that is too large to be simulated", str(error), "numbers below 1e308")
+            raise SpecError((problem,)) from error
+        return simulation.run()
 
 
 class _Simulation:
@@ -72,7 +78,6 @@ class _Simulation:
         self.next = np.full(self.runs, self.horizon)
 
     def run(self) -> Run:
-        self._begin()
         progress, watch = self.progress, self.watch
         going, index = np.flatnonzero(~watch.halted), 0
         while going.size:
@@ -97,7 +102,7 @@ class _Simulation:
         runs = np.flatnonzero(~self.watch.halted)
         self.watch(runs, self.progress.t[runs], self.progress.y[:, runs], self.progress.held[:, runs])
 
-    def _begin(self) -> None:
+    def begin(self) -> None:
         """Place all runs at t_0, measure there, and jump where the observer does."""
         runs, zeros = np.arange(self.runs), np.zeros(self.runs)
         x = self._initial_states()
@@ -109,6 +114,7 @@ class _Simulation:
         y = self.loop.start(measured, lower, upper, self._initial_estimate(), x)
         self.progress = Progress.start(zeros.copy(), y, self.loop.hold(zeros, y, held))
         self.watch.begin(zeros, y, self.progress.held)
+        self._halt(runs[~np.isfinite(y).all(axis=0)], "the observer's start is undefined")
         self._jump(runs, 0, measured, jumps=self.loop.observer.jump_at_start)
 
     def _sample(self, runs: Integers, index: int) -> None:
@@ -188,8 +194,9 @@ def _refuse_impossible(system: HybridSystem, plan: SimulationPlan) -> None:
     problems = []
     if not float(plan.horizon) > 0:
         problems.append(Problem(("simulation", "horizon"), "a horizon above 0 is expected", str(plan.horizon)))
-    if not 1 <= plan.runs <= MAX_RUNS:
-        problems.append(Problem(("simulation", "runs"), "a number of runs that cannot be simulated", str(plan.runs), f"1 to {MAX_RUNS}"))
+    most = max(1, min(MAX_RUNS, MAX_STATES_TOGETHER // len(system.states)))
+    if not 1 <= plan.runs <= most:
+        problems.append(Problem(("simulation", "runs"), "a number of runs that cannot be simulated", str(plan.runs), f"1 to {most}"))
     if plan.initial_state is None and plan.initial_box is None:
         problems.append(Problem(("simulation",), "an initial state is missing", allowed="initial_state, or initial_box"))
     needed = {name for row in system.observer.start for name in row.variables}

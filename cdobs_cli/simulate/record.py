@@ -101,7 +101,8 @@ class Record:
     def points(self, final_t: Array, final_y: Array, final_held: Array) -> list[tuple[Array, Array, Array]]:
         """For each run: t (N,), y (n, N), held (c, N) up to the run's end, in order, both sides of each jump kept.
 
-        A grid time at which the run was sampled is left out: the two sides of the jump stand for it.
+        A grid time at which the run was sampled is left out: the two sides of the jump stand for it. So are
+        states that are not finite, unless the run has no others.
         """
         runs, size = len(final_t), len(final_y)
         entries = self.sides.entries
@@ -123,6 +124,8 @@ class Record:
                 t, order = np.append(t, end), np.append(order, 3)
                 y, held = np.append(y, final_y[:, [run]], axis=1), np.append(held, final_held[:, [run]], axis=1)
             places = np.lexsort((order, t))
+            finite = np.isfinite(y[:, places]).all(axis=0)
+            places = places[finite] if finite.any() else places
             result.append((t[places], y[:, places], held[:, places]))
         return result
 

@@ -31,7 +31,7 @@ _PURPOSES = {"initial": 0, "periods": 1, "noise": 2}
 
 @dataclass(frozen=True)
 class Range:
-    """Where a signal must stay; `index` is its row among the values that are checked."""
+    """Where a signal must stay."""
 
     name: str
     lower: float
@@ -64,12 +64,14 @@ class Signals:
 
     @staticmethod
     def of(plant: Plant, typed: Mapping[str, Expression], controlled: Iterable[str]) -> Signals:
-        """A signal that is not given is 0.
+        """A signal that is not given is 0; one for an input that the controller sets can only be 0.
 
         Raises:
             SpecError: a signal that nothing reads, or that is random between samples.
         """
         controlled = set(controlled)
+        # A spec names a signal for every input; for one that the controller sets, 0 says that nothing is added.
+        typed = {name: signal for name, signal in typed.items() if not (name in controlled and signal == ZERO)}
         names = [source.name for source in plant.inputs if source.name not in controlled]
         if plant.disturbance is not None:
             names += [f"d.{i}" for i in range(plant.n)]

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 
+LARGEST = float(np.finfo(float).max)  # stands for infinity, which JSON does not have
+
+
 def summarise(loop: ClosedLoop, watch: Watch, record: Record, final_t: Array, final_y: Array, final_held: Array) -> Run:
     """Trajectories with estimates, and their figures; final_t (R,), final_y (n, R), final_held (c, R)."""
     trajectories, summaries = [], []
@@ -31,7 +34,7 @@ def summarise(loop: ClosedLoop, watch: Watch, record: Record, final_t: Array, fi
             t, seen.x.T, {name: rows.T for name, rows in seen.estimates.items()}, dict(seen.internals), t_k, y_k, inputs, watch.stopped[run]
         )  # fmt: skip
         trajectories.append(trajectory)
-        margin = min(float(watch.margin[run]), float(seen.margin.min())) if seen.encloses else None
+        margin = float(np.clip(min(watch.margin[run], seen.margin.min()), -LARGEST, LARGEST)) if seen.encloses else None
         left_domain = bool(watch.left_domain[run]) or bool(outside_domain(loop.plant, seen).any())
         summaries.append(_summary(loop.plant.states, trajectory, seen, margin, diverged=bool(watch.diverged[run]), left_domain=left_domain))
     return Run(tuple(trajectories), tuple(summaries), overall(summaries))
@@ -46,8 +49,9 @@ def _summary(
     periods = [float(f"{period:.12g}") for period in np.diff(trajectory.t_k)]
     error, rmse, final = seen.error, {}, None
     if error is not None:
-        final = float(np.sqrt((error[:, -1] ** 2).sum()))
-        rmse = {name: _root_mean_square(trajectory.t, row) for name, row in zip(states, error, strict=True)}
+        final = _finite(_size(error[:, -1]))
+        means = {name: _finite(_root_mean_square(trajectory.t, row)) for name, row in zip(states, error, strict=True)}
+        rmse = {name: value for name, value in means.items() if value is not None}
     return RunSummary(
         len(trajectory.t_k), min(periods, default=None), max(periods, default=None),
         final, rmse, margin, diverged, left_domain, trajectory.stopped,
@@ -55,8 +59,22 @@ def _summary(
 
 
 def _root_mean_square(t: Array, values: Array) -> float:
-    length = float(t[-1] - t[0])
-    return float(np.sqrt(np.diff(t) @ (values[:-1] ** 2 + values[1:] ** 2) / (2 * length))) if length > 0 else float(abs(values[-1]))
+    length, largest = float(t[-1] - t[0]), float(np.abs(values).max())
+    if not length > 0 or largest == 0:
+        return float(abs(values[-1]))
+    squares = (values / largest) ** 2
+    return largest * float(np.sqrt(np.diff(t) @ (squares[:-1] + squares[1:]) / (2 * length)))
+
+
+def _size(vector: Array) -> float:
+    """Its length, without overflow on the way."""
+    largest = float(np.abs(vector).max())
+    return largest * float(np.sqrt(((vector / largest) ** 2).sum())) if largest != 0 else 0.0
+
+
+def _finite(value: float) -> float | None:
+    """JSON has no infinity: a figure beyond floats is left out."""
+    return value if np.isfinite(value) else None
 
 
 def overall(summaries: Sequence[RunSummary]) -> RunSummary:
@@ -65,7 +83,9 @@ def overall(summaries: Sequence[RunSummary]) -> RunSummary:
     if len(summaries) == 1:
         return summaries[0]
     rmse: Mapping[str, float] = {
-        name: (sum(summary.rmse[name] ** 2 for summary in summaries) / len(summaries)) ** 0.5 for name in summaries[0].rmse
+        name: float(np.hypot.reduce([summary.rmse[name] for summary in summaries])) / len(summaries) ** 0.5
+        for name in summaries[0].rmse
+        if all(name in summary.rmse for summary in summaries)
     }
     stops = [f"run {index + 1}: {summary.stopped}" for index, summary in enumerate(summaries) if summary.stopped]
     stopped = None if not stops else stops[0] if len(stops) == 1 else f"{stops[0]}; and {len(stops) - 1} more"

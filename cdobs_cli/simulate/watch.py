@@ -87,7 +87,7 @@ def _distance(seen: View) -> Array | None:
 
 
 def outside_domain(plant: Plant, seen: View) -> NDArray[np.bool_]:
-    """Where x, or x_hat where it is reported, is outside the declared box, or x breaks a `where` condition."""
+    """Where x, or x_hat where it is reported, is outside the declared box or breaks a `where` condition."""
     outside = (seen.where < -1e-9).any(axis=0) | np.zeros(seen.x.shape[1], dtype=bool)
     for rows in (seen.x, seen.estimates.get("x_hat")):
         if rows is None:

@@ -1,5 +1,7 @@
 """Flow, jump, next sample: against matrix exponentials, closed forms, and known behaviour of observers."""
 
+import json
+
 import numpy as np
 import pytest
 from loops import box, copy_observer, exact, pendulum, periodic, plan, plant, read
@@ -235,3 +237,83 @@ def test_initial_states_fill_the_box_and_no_more():
     assert (starts >= [2, -1]).all() and (starts <= [3, 0]).all()
     assert starts.mean(axis=0) == pytest.approx([2.5, -0.5], abs=0.06)
     assert exact([1]) is not None
+
+
+def test_where_conditions_are_checked_along_the_estimate_too():
+    where = Domain(where=(read("0.5 - theta", ["theta"]),))
+    assert simulate(pendulum(domain=where), plan("0.1", [0, 0], [1, 0]), periodic("0.6")).overall.left_domain
+    assert not simulate(pendulum(domain=where), plan("0.1", [0, 0], ["0.4", 0]), periodic("0.6")).overall.left_domain
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_random_linear_loops_at_extreme_scales(seed):
+    """States of size 1e-6 to 1e6, time constants of 1e-6 to 1e6: the sampled error map is J exp(A T)."""
+    random = np.random.default_rng(seed)
+    n = int(random.integers(1, 5))
+    rate, size = 10.0 ** random.uniform(-6, 6, 2)
+    A = np.round(random.normal(size=(n, n)), 3)
+    K = np.round(random.normal(size=n) / 2, 3)
+    x = np.round(random.normal(size=n), 3)
+    period = f"{0.5 / rate:.6g}"
+    model = plant([f"x{i}" for i in range(n)], [[repr(float(v)) for v in row] for row in A * rate], law=periodic(period))
+    system = copy_observer(model, [repr(float(v)) for v in K])
+    start = [repr(float(v * size)) for v in x]
+    run = simulate(system, plan(repr(4.2 * float(period)), start, [0] * n), model.sampling).trajectories[0]
+    J, Phi = np.eye(n) - np.outer(K, np.eye(n)[0]), expm(model.A.floats * float(period))
+    e = -np.array([float(v) for v in start])
+    largest = np.abs(e).max()
+    for t_k in run.t_k:
+        after = np.flatnonzero(np.abs(run.t - t_k) <= 1e-12 * run.t[-1])[-1]
+        e = J @ e
+        largest = max(largest, np.abs(run.x[after]).max())
+        assert np.abs(run.estimates["x_hat"][after] - run.x[after] - e).max() < 1e-10 * largest
+        e = Phi @ e
+    assert len(run.t_k) == 5
+
+
+def test_memory_is_bounded_by_keeping_fewer_jumps(monkeypatch):
+    monkeypatch.setattr("cdobs_cli.simulate.record.BUDGET", 2000)
+    run = simulate(pendulum(period="0.01"), plan("20", [1, 0], [0, 0]), periodic("0.01"))
+    trajectory = run.trajectories[0]
+    assert run.overall.measurements == len(trajectory.t_k) == 2001
+    assert len(trajectory.t) < 1000
+    assert (np.diff(trajectory.t) >= 0).all()
+    assert trajectory.t[0] == 0 and trajectory.t[-1] == 20
+
+
+def test_numbers_beyond_floats_are_an_error_and_not_a_crash():
+    with pytest.raises(SpecError, match="too large"):
+        simulate(pendulum(), plan("1", ["1e399", 0], [0, 0]), periodic("0.6"))
+    with pytest.raises(SpecError, match="too large"):
+        simulate(pendulum(), plan("1e399", [1, 0], [0, 0]), periodic("0.6"))
+    with pytest.raises(SpecError, match="no sampling period"):
+        simulate(pendulum(), plan("1", [1, 0], [0, 0]), periodic("1e-399"))
+    for runs in (1, 2):
+        run = simulate(pendulum(), plan("1", ["1e308", 0], ["-1e308", 0], runs=runs), periodic("0.6"))
+        assert run.overall.stopped is not None
+        json.dumps(run.document(), allow_nan=False)
+
+
+def test_an_undefined_jump_is_divergence_and_leaves_no_nan_behind():
+    model = plant(("x",), [[0]], law=periodic("0.5"))
+    names = ["hat.x", "y.0", "t"]
+    jump = read("sqrt(0.7 - t)", names)
+    observer = Observer(("hat.x",), (read("1", names),), (read("1", names),), (jump,), {"x_hat": (Variable("hat.x"),)})
+    for runs in (1, 2):
+        run = simulate(HybridSystem(model, observer), plan("2", [1], [0], runs=runs), model.sampling)
+        assert run.summaries[0].diverged
+        assert run.trajectories[0].t[-1] == 1
+        assert np.isfinite(run.trajectories[0].estimates["x_hat"]).all()
+        assert run.summaries[0].error_final == pytest.approx(abs(0.2**0.5 + 0.5 - 1), rel=1e-9)
+
+
+def test_an_observer_whose_start_is_undefined_ends_at_once():
+    model = plant(("x",), [[0]], law=periodic("0.5"))
+    names = ["hat.x", "initial.x", "y.0"]
+    observer = Observer(
+        ("hat.x",), (read("sqrt(initial__x)", names),), (read("0", names),), (Variable("y.0"),), {"x_hat": (Variable("hat.x"),)}
+    )
+    for runs in (1, 2):
+        run = simulate(HybridSystem(model, observer), plan("2", [1], [-1], runs=runs), model.sampling)
+        assert "start is undefined" in run.summaries[0].stopped
+        assert run.trajectories[0].t[-1] == 0

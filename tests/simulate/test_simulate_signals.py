@@ -104,3 +104,12 @@ def test_signals_that_nothing_reads_and_random_disturbances_are_refused():
     paths = {problem.path for problem in caught.value.problems}
     assert paths == {"simulation.signals.v[0]", "simulation.signals.w", "simulation.signals.d[0]"}
     assert "measurement.noise" in str(caught.value)
+
+
+def test_a_controlled_input_takes_no_other_signal_than_zero():
+    model = plant(("x",), [[0]], law=periodic("0.5"), inputs=(Input("u"),), B=[[1]])
+    system = copy_observer(model, ["1"], control={"u": read("-hat__x", ["hat.x"])})
+    run = simulate(system, plan("1", [1], [0], signals={"u": "0"}), periodic("0.5"))
+    assert run.trajectories[0].x[-1] == pytest.approx(0.25)
+    with pytest.raises(SpecError, match="set by the observer's controller"):
+        simulate(system, plan("1", [1], [0], signals={"u": "1"}), periodic("0.5"))
