@@ -155,7 +155,8 @@ def _write_run(work: Work, design: Design, run: Run) -> None:
 
     # The archive first: simulation.json, which names its digests, is what makes a run count as there.
     work.store.write_files({"simulation.npz": to_bytes(run)})
-    work.store.write_files(figures_of_run(work.plant(design), work.spec.observer, design, work.store.check(), run))
+    spec = work.spec
+    work.store.write_files(figures_of_run(work.plant(design), spec.observer, design, work.store.check(), run, spec.coordinates))
     work.store.write("simulation.json", run.document())
     work.redone.add("simulate")
 
@@ -188,6 +189,7 @@ def report_model(work: Work, digests: Mapping[str, str]) -> Report:
     return build_report(
         name=work.store.folder.name, title=work.spec.title, spec_path=str(work.spec.source_path), plant=work.plant(work.design),
         family=work.spec.observer, design=work.design, check=work.check, run=work.run, expectations=told, digests=digests,
+        typed=work.spec.typed, coordinates=work.spec.coordinates,
     )  # fmt: skip
 
 

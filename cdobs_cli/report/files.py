@@ -11,7 +11,7 @@ from cdobs_cli.report.html import html_page
 from cdobs_cli.report.ladder import Ladder
 from cdobs_cli.report.model import Report, proved_envelope
 from cdobs_cli.report.text import markdown
-from cdobs_cli.report.trajectories import run_charts
+from cdobs_cli.report.trajectories import WayBack, run_charts
 
 if TYPE_CHECKING:
     from cdobs_cli.certificate import Check
@@ -27,9 +27,12 @@ def render(report: Report) -> dict[str, bytes]:
     return {"report.md": markdown(report).encode(), "report.html": html_page(report, pictures).encode(), **figures}
 
 
-def figures_of_run(plant: Plant, family: Family, design: Design, check: Check | None, run: Run) -> dict[str, bytes]:
+def figures_of_run(
+    plant: Plant, family: Family, design: Design, check: Check | None, run: Run, coordinates: WayBack | None = None
+) -> dict[str, bytes]:
     """The common figures of a simulation alone, by relative name."""
-    return _figures(run_charts(plant, run, proved_envelope(family, plant, design, check)))
+    envelope = proved_envelope(family, plant, design, check)
+    return _figures(run_charts(plant, run, envelope, coordinates))
 
 
 def _figures(charts: Iterable[Chart | Ladder]) -> dict[str, bytes]:

@@ -17,9 +17,9 @@ from cdobs_cli.certificate import Bound, Check, Claim, Status
 from cdobs_cli.chart import Chart, Exhibits
 from cdobs_cli.design import Design
 from cdobs_cli.exact.numbers import plain_decimal
-from cdobs_cli.plant import Plant, SamplingLaw
+from cdobs_cli.plant import Domain, Plant, SamplingLaw, TypedDynamics
 from cdobs_cli.report.ladder import Ladder, period_ladder
-from cdobs_cli.report.trajectories import run_charts
+from cdobs_cli.report.trajectories import WayBack, run_charts
 from cdobs_cli.report.witnesses import witness_charts
 
 if TYPE_CHECKING:
@@ -161,6 +161,8 @@ class Report:
     design: Design
     check: Check | None
     run: Run | None
+    typed: TypedDynamics | None = None
+    coordinates: WayBack | None = None
     expectations: tuple[tuple[str, bool, str], ...] = ()
     digests: Mapping[str, str] = field(default_factory=dict)
 
@@ -184,7 +186,8 @@ class Report:
         if self.check is not None:
             common += witness_charts(self.check)
         if self.run is not None:
-            common += run_charts(self.plant, self.run, proved_envelope(self.family, self.plant, self.design, self.check))
+            envelope = proved_envelope(self.family, self.plant, self.design, self.check)
+            common += run_charts(self.plant, self.run, envelope, self.coordinates)
         own = {chart.name for chart in self.exhibits.charts}
         return (*(chart for chart in common if chart.name not in own), *self.exhibits.charts)
 
@@ -239,13 +242,18 @@ class Report:
     def conditions(self) -> tuple[str, ...]:
         """What the headline takes for granted."""
         found = []
-        if self.plant.domain:
-            found.append(f"The states stay where the slopes are claimed: {domain_text(self.plant)}.{self._invariance()}")
+        if self.domain:
+            found.append(f"The states stay where the slopes are claimed: {domain_text(self.domain)}.{self._invariance()}")
         if self.check is not None and self.status == "proved":
             bound = self.headline_bound
             if bound is not None and bound[0] == "period_max" and self.design.sampling.kind == "periodic":
                 found.append("The period is constant; a smaller constant period is not implied by a larger one.")
         return tuple(found)
+
+    @property
+    def domain(self) -> Domain:
+        """Where the slopes are claimed, in the states that the user typed."""
+        return self.typed.domain if self.typed else self.plant.domain
 
     def _invariance(self) -> str:
         claim = self.check.claim("domain_invariant") if self.check else None
@@ -262,14 +270,14 @@ class Report:
         return (self.family.source, self.title, *(claim.source for claim in claims), *notes, *(item[0] for item in self.expectations))
 
 
-def domain_text(plant: Plant) -> str:
+def domain_text(domain: Domain) -> str:
     """The domain in one line: `0 ≤ x1 ≤ 1, x2 ≤ x1`."""
     parts = []
-    for name, interval in plant.domain.box.items():
+    for name, interval in domain.box.items():
         low = f"{interval.lower} ≤ " if interval.lower is not None else ""
         high = f" ≤ {interval.upper}" if interval.upper is not None else ""
         parts.append(f"{low}{name}{high}")
-    return ", ".join((*parts, *(f"{expression} ≥ 0" for expression in plant.domain.where)))
+    return ", ".join((*parts, *(f"{expression} ≥ 0" for expression in domain.where)))
 
 
 def build_report(
@@ -284,10 +292,13 @@ def build_report(
     run: Run | None,
     expectations: Sequence[tuple[str, bool, str]],
     digests: Mapping[str, str],
+    typed: TypedDynamics | None = None,
+    coordinates: WayBack | None = None,
 ) -> Report:
-    """The report of one spec from its artefacts."""
+    """The report of one spec from its artefacts. typed, coordinates: the plant in the user's own states, and
+    the way back to them, where the spec has these."""
     told = tuple((what, holds, re.sub(r"^: (holds|fails), ", "", found.removeprefix(what))) for what, holds, found in expectations)
-    return Report(name, title, spec_path, plant, family, design, check, run, told, dict(digests))
+    return Report(name, title, spec_path, plant, family, design, check, run, typed, coordinates, told, dict(digests))
 
 
 def proved_envelope(family: Family, plant: Plant, design: Design, check: Check | None) -> Mapping[str, Any] | None:

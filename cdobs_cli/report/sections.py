@@ -22,12 +22,22 @@ from cdobs_cli.report.model import (
     number_text,
 )
 from cdobs_cli.report.references import cited
-from cdobs_cli.report.systems import flow_equations, gain_equations, held_equations, jump_equations, output_equations, plant_equations
+from cdobs_cli.report.systems import (
+    flow_equations,
+    gain_equations,
+    held_equations,
+    jump_equations,
+    map_equations,
+    output_equations,
+    plant_equations,
+    typed_equations,
+    typed_outputs,
+)
 from cdobs_cli.report.witnesses import witness_name
 from cdobs_cli.run import RunSummary
 
 MAX_RUN_ROWS = 20
-_SIMULATION_CHARTS = ("states", "error", "sampling")
+_SIMULATION_CHARTS = ("states", "typed_states", "error", "sampling")
 
 
 def sections(report: Report) -> tuple[Section, ...]:
@@ -41,7 +51,7 @@ def sections(report: Report) -> tuple[Section, ...]:
 
 def _plant(report: Report) -> Section:
     plant = report.plant
-    blocks: list[Block] = [Mathematics(plant_equations(plant))]
+    blocks: list[Block] = [*_typed(report), Mathematics(plant_equations(plant))]
     inputs = [
         f"{source.name} in [{source.range.lower or '−∞'}, {source.range.upper or '∞'}]" if source.range else source.name
         for source in plant.inputs
@@ -52,9 +62,23 @@ def _plant(report: Report) -> Section:
         if box is not None:
             ends = ", ".join(f"{letter}{i + 1} in [{low}, {up}]" for i, (low, up) in enumerate(zip(box.lower, box.upper, strict=True)))
             blocks.append(Paragraph(f"{what}: {ends}."))
-    if plant.domain:
-        blocks.append(Paragraph(f"Domain: {domain_text(plant)}."))
+    if report.domain:
+        blocks.append(Paragraph(f"Domain: {domain_text(report.domain)}."))
     return Section("Plant", (*blocks, *_slopes(report)))
+
+
+def _typed(report: Report) -> tuple[Block, ...]:
+    """The plant in the user's states, and the coordinates it is brought to."""
+    if report.typed is None or report.coordinates is None:
+        return ()
+    typed, coordinates = report.typed, report.coordinates
+    return (
+        Paragraph("As typed:"),
+        Mathematics((*typed_equations(typed), *(typed_outputs(typed)))),
+        Paragraph("In the coordinates"),
+        Mathematics(map_equations(coordinates.names, coordinates.map)),
+        Paragraph("the plant is"),
+    )
 
 
 def _slopes(report: Report) -> tuple[Block, ...]:
@@ -72,7 +96,7 @@ def _slopes(report: Report) -> tuple[Block, ...]:
         rows.append((f"∂φ{i + 1}/∂{plant.states[j]}", declared, status, margin_text(claim.margin) if claim else NOTHING))
     if not rows:
         return (Paragraph("The plant is linear: no slope is claimed."),)
-    where = "on the domain" if plant.domain else "everywhere"
+    where = "on the domain" if report.domain else "everywhere"
     grid = Grid(
         ("slope", "claimed range", "status", "margin"), tuple(rows), "Slopes", f"Bounds of the nonlinearity's slopes, claimed {where}."
     )

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from cdobs_cli.exact.expression import ZERO, Expression, Variable
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.hybrid import Observer
-from cdobs_cli.plant import Plant
+from cdobs_cli.plant import Plant, TypedDynamics
 from cdobs_cli.report.equations import (
     APPLIED,
     GREEK,
@@ -68,6 +68,25 @@ def output_equations(plant: Plant) -> tuple[Equation, ...]:
         name = Script(Symbol("y"), Digits(str(k + 1))) if plant.p > 1 else Symbol("y")
         rows.append(Equation(applied(name, Script(Symbol("t"), Symbol("k"))), formula(total)))
     return tuple(rows[:MAX_EQUATIONS])
+
+
+def typed_equations(typed: TypedDynamics) -> tuple[Equation, ...]:
+    """xdot = f(x, u) + d in the user's states."""
+    disturbed = typed.disturbance is not None
+    rows = [one + Variable(f"d.{i}") if disturbed else one for i, one in enumerate(typed.dynamics)]
+    return tuple(Equation(dotted(name_formula(name)), formula(one)) for name, one in zip(typed.states, rows, strict=True))[:MAX_EQUATIONS]
+
+
+def typed_outputs(typed: TypedDynamics) -> tuple[Equation, ...]:
+    """y = h(x)."""
+    single = len(typed.output) == 1
+    names = [Symbol("y") if single else Script(Symbol("y"), Digits(str(k + 1))) for k in range(len(typed.output))]
+    return tuple(Equation(name, formula(one)) for name, one in zip(names, typed.output, strict=True))[:MAX_EQUATIONS]
+
+
+def map_equations(names: Sequence[str], map: Sequence[Expression]) -> tuple[Equation, ...]:
+    """z = map(x)."""
+    return tuple(Equation(name_formula(name), formula(one)) for name, one in zip(names, map, strict=True))[:MAX_EQUATIONS]
 
 
 def _row(matrix: ExactMatrix, i: int, names: tuple[str, ...]) -> Expression:

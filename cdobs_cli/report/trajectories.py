@@ -4,13 +4,17 @@ with its proved envelope."""
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from cdobs_cli.chart import Chart, Panel, Series
 from cdobs_cli.plant import Plant
 from cdobs_cli.report.equations import GREEK
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from cdobs_cli.exact.expression import Expression
     from cdobs_cli.run import Run, Trajectory
 
 MAX_PANELS = 8
@@ -27,11 +31,25 @@ def axis_name(name: str) -> str:
     return name
 
 
-def run_charts(plant: Plant, run: Run, envelope: Mapping[str, Any] | None = None) -> tuple[Chart, ...]:
+class WayBack(Protocol):
+    """A change of coordinates z = map(x), and values of x along z, shape (.., n)."""
+
+    @property
+    def states(self) -> tuple[str, ...]: ...
+    @property
+    def names(self) -> tuple[str, ...]: ...
+    @property
+    def map(self) -> tuple[Expression, ...]: ...
+    def original_values(self, z: NDArray[np.float64]) -> NDArray[np.float64]: ...
+
+
+def run_charts(plant: Plant, run: Run, envelope: Mapping[str, Any] | None = None, coordinates: WayBack | None = None) -> tuple[Chart, ...]:
     """The common charts of a run; the first trajectory stands for the states, all of them for the error."""
     if not run.trajectories or len(run.trajectories[0].t) < 2:
         return ()
     charts = [states_chart(plant, run.trajectories[0], len(run.trajectories))]
+    if coordinates is not None and "x_hat" in run.trajectories[0].estimates:
+        charts.append(typed_states_chart(coordinates, run.trajectories[0]))
     error = error_chart(run, envelope)
     intervals = intervals_chart(run.trajectories[0])
     return (*charts, *(chart for chart in (error, intervals) if chart is not None))
@@ -57,6 +75,19 @@ def states_chart(plant: Plant, trajectory: Trajectory, runs: int = 1) -> Chart:
     if runs > 1:
         caption += f" The first of {runs} runs."
     return Chart("states", "States and estimates", caption, tuple(panels))
+
+
+def typed_states_chart(coordinates: WayBack, trajectory: Trajectory) -> Chart:
+    """States and estimates in the coordinates that the user typed."""
+    x = coordinates.original_values(trajectory.x)
+    x_hat = coordinates.original_values(trajectory.estimates["x_hat"])
+    panels = tuple(
+        Panel("time (s)", axis_name(name), (
+            Series("state", trajectory.t, x[:, j], "line", "truth"), Series("estimate", trajectory.t, x_hat[:, j], "line", "estimate"),
+        ))
+        for j, name in enumerate(coordinates.states[:MAX_PANELS])
+    )  # fmt: skip
+    return Chart("typed_states", "States and estimates as typed", "In the states of the spec, before the change of coordinates.", panels)
 
 
 def _measured_states(plant: Plant) -> dict[int, tuple[int, float]]:

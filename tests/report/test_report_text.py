@@ -1,12 +1,18 @@
 """report.md and the terminal summary, against stored text."""
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from conftest import make_check, make_design, make_report
+from conftest import Copying, make_check, make_design, make_plant, make_report, make_run
 
+from cdobs_cli.chart import Chart
 from cdobs_cli.design import Design
-from cdobs_cli.report.model import Report
-from cdobs_cli.report.text import summary_lines
+from cdobs_cli.exact.expression import Expression, parse
+from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.plant import Input, SamplingLaw, TypedDynamics
+from cdobs_cli.report.model import Report, build_report
+from cdobs_cli.report.text import markdown, summary_lines
 
 GOLDEN = Path(__file__).parent / "golden"
 
@@ -33,3 +39,32 @@ def test_conditions_name_domain_and_constant_period() -> None:
     first, second = make_report(check=make_check()).conditions
     assert "-3.2 ≤ theta ≤ 3.2" in first and "not decided" in first
     assert "not implied" in second
+
+
+def test_a_plant_in_other_coordinates_is_shown_in_both() -> None:
+    names = frozenset({"S", "X", "D"})
+    dynamics = tuple(parse(text, names) for text in ("X*S/(X + S) - D*X", "D*(0.1 - S) - X*S/(X + S)"))
+    typed = TypedDynamics(("X", "S"), (Input("D"),), dynamics, (parse("X", names),), SamplingLaw.periodic(Exact("0.6")))
+    change = Swap(("X", "S"), ("theta", "omega"), (parse("X", names), parse("2*S", names)))
+    report = build_report(
+        name="bio", title="Bioreactor", spec_path="bio.yaml", plant=make_plant(), family=Copying(), design=make_design(), check=None,
+        run=make_run(), expectations=[], digests={}, typed=typed, coordinates=change,
+    )  # fmt: skip
+    text = markdown(report)
+    assert r"\dot{S} &= D \left( 0.1 - S \right) - \frac{X S}{X + S}" in text
+    assert r"\omega &= 2 S" in text
+    chart = next(chart for chart in report.charts if chart.name == "typed_states")
+    assert isinstance(chart, Chart)
+    assert list(chart.panels[1].series[0].y) == list(make_run().trajectories[0].x[:, 1] / 2)
+
+
+@dataclass(frozen=True)
+class Swap:
+    """theta = X, omega = 2 S."""
+
+    states: tuple[str, ...]
+    names: tuple[str, ...]
+    map: tuple[Expression, ...]
+
+    def original_values(self, z: Any) -> Any:
+        return z * [1.0, 0.5]
