@@ -161,9 +161,7 @@ class _Loader:
         if measurement is not None:
             self.problems += measurement_problems(measurement, measurement_wrong, plant, context["states"])
         # The observer's own expressions are over the states that the plant ends up in.
-        family = (
-            self.family(root.get("observer"), {**context, "states": context["coordinates"]}) if root.get("observer") is not None else None
-        )
+        family = self.family(root.get("observer"), {**context, "states": context["coordinates"]})
         simulation, simulation_wrong = self.section(SimulationBlock, root, "simulation", context)
         if simulation is not None:
             law = None if measurement is None or measurement.sampling is None else sampling_law(measurement)
