@@ -25,7 +25,7 @@ from cdobs_cli.spec.boxes import MAX_STATES
 from cdobs_cli.spec.expect import Expectation, ExpectBlock, expect_problems, expectation
 from cdobs_cli.spec.measurement_block import MeasurementBlock, measurement_problems, sampling_law
 from cdobs_cli.spec.plant_block import MAX_PARAMETERS, PlantBlock, plant_problems, typed_plant
-from cdobs_cli.spec.reader import Document, FieldPath, read, shown
+from cdobs_cli.spec.reader import MAX_PROBLEMS, Document, FieldPath, read, shown
 from cdobs_cli.spec.simulation_block import SimulationBlock, plan, simulation_problems
 
 if TYPE_CHECKING:
@@ -133,7 +133,11 @@ class _Loader:
         ]
         unique = dict.fromkeys([*self.document.problems, *kept])
         own = self.document.file
-        return SpecError(tuple(sorted(unique, key=lambda one: (one.file != own, one.file or "", one.line or 0, one.column or 0))))
+        told = sorted(unique, key=lambda one: (one.file != own, one.file or "", one.line or 0, one.column or 0))
+        if len(told) > MAX_PROBLEMS:
+            more = Problem((), f"{len(told) - MAX_PROBLEMS} more mistakes are not shown", file=own)
+            told = [*told[:MAX_PROBLEMS], more]
+        return SpecError(tuple(told))
 
     @property
     def failed(self) -> bool:

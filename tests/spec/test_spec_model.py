@@ -250,6 +250,13 @@ def test_large_matrices_are_refused(mistakes):
     assert any("4:11: plant.states: a list of 1 to 32 entries is expected, this one has 40" in line for line in told)
 
 
+def test_no_more_than_a_hundred_mistakes_are_shown(mistakes):
+    rows = "[" + ", ".join("[" + ", ".join(["thet"] * 200) + "]" for _ in range(90)) + "]"
+    told = mistakes(changed(("A: [[0, 1], [0, 0]]", f"A: {rows}")))
+    assert len(told) == 101
+    assert told[-1].strip() == "spec: 17900 more mistakes are not shown"
+
+
 def test_parameters_cannot_grow_beyond_use(mistakes):
     chain = ", ".join(f'p{i}: "p{i - 1}*p{i - 1}+sin(p{i - 1})"' for i in range(1, 60))
     told = mistakes(changed(("g: 1, k:", f'p0: "sin(1)", {chain}, g: 1, k:')))
