@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 from cdobs_cli.design import SolverRecord
@@ -110,14 +111,19 @@ class Program:
         """(offset, coefficients): function(x) = offset + sum_i x_i coefficients[i]."""
         import numpy as np
 
-        origin = np.zeros(self.size)
-        offset = np.atleast_2d(np.asarray(function(self._split(origin)), dtype=float))
+        offset = np.atleast_2d(np.asarray(function(self._split(np.zeros(self.size))), dtype=float))
         coefficients = np.empty((self.size, *offset.shape))
-        for i in range(self.size):
-            origin[i] = 1.0
-            coefficients[i] = np.atleast_2d(function(self._split(origin))) - offset
-            origin[i] = 0.0
+        for i, values in enumerate(self._at_units):
+            coefficients[i] = np.atleast_2d(function(values)) - offset
         return offset, coefficients
+
+    @cached_property
+    def _at_units(self) -> list[dict[str, Array]]:
+        """The unknowns at each unit vector: all 0 but for one free entry of one of them."""
+        import numpy as np
+
+        zeros = self._split(np.zeros(self.size))
+        return [{**zeros, name: unknown.matrix(row)} for name, unknown in self.unknowns.items() for row in np.eye(unknown.size)]
 
     def require(self, inequality: Affine) -> None:
         """inequality(x) >= 0 in the semidefinite order (a symmetric matrix; 1 x 1 for a scalar)."""
