@@ -6,10 +6,12 @@ The spec makes the discriminated union of these classes, told apart by their `fa
 from __future__ import annotations
 
 from cdobs_cli.families.base import Family
+from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold
 from cdobs_cli.families.reachability import Reachability
 
 FAMILIES: dict[str, type[Family]] = {
     "reachability": Reachability,
+    "lpv_zoh": LpvZeroOrderHold,
 }
 
 __all__ = ["FAMILIES", "Family"]

@@ -9,6 +9,7 @@ from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify.definite import Definiteness, positive_definite
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text
 from cdobs_cli.families.lpv_zoh import theorems
+from cdobs_cli.families.lpv_zoh.structure import is_class_16
 from cdobs_cli.families.lpv_zoh.units import Units
 from cdobs_cli.hybrid import PlantView
 from cdobs_cli.plant import Plant
@@ -26,16 +27,11 @@ _ALPHAS = (0.003, 0.9)  # alpha tau_max < 1
 _UNDECIDED = Definiteness("undecided", None)
 
 
-def applies(plant: Plant) -> bool:
-    """Whether the plant is of the class (16): a chain of n >= 2 integrators measured at its first state."""
-    return plant.n >= 2 and plant.is_canonical
-
-
 def prove(plant: Plant, L: ExactMatrix, certificate: Certificate) -> Definiteness:
     """Prove P > 0 and both repaired inequalities at every vertex, from the exact plant and stored decimals."""
     from cdobs_cli.exact.matrix import Matrix
 
-    if not applies(plant):
+    if not is_class_16(plant):
         return _UNDECIDED
     view = PlantView.balls(plant, {"L": L})
     P = ExactMatrix(certificate.data["P"]).balls()
@@ -92,27 +88,31 @@ def search(plant: Plant, L: Array, tau: float, alpha_tau: float) -> tuple[Array,
     return units.states_out(solution.values["P"]) * tau, margin
 
 
-def analyse(plant: Plant, L: ExactMatrix, tau_max: Exact) -> Certificate | None:
-    """A certificate for this gain and every T_k <= tau_max, already proved, over a line search on alpha.
+def analyse(plant: Plant, L: ExactMatrix, tau_max: Exact, sigma: Fraction = Fraction(0)) -> Certificate | None:
+    """A certificate for this gain, every T_k <= tau_max and at least the rate sigma, already proved.
 
-    None where none was found.
+    Over a line search on alpha, the one of the fastest rate. None where none was found.
     """
     import numpy as np
 
     tau = float(tau_max)
-    if not applies(plant) or not np.all(np.isfinite(L.floats)):
-        return None
-    tried = [(search(plant, L.floats, tau, alpha), alpha) for alpha in np.geomspace(*_ALPHAS, 16).tolist()]
-    (P, margin), alpha_tau = max(tried, key=lambda item: item[0][1])
-    if not margin > 0:
+    if not is_class_16(plant) or not np.all(np.isfinite(L.floats)):
         return None
     L_1 = L.floats[0, 0]
-    beta = 2 * tau * tau * L_1 * L_1 * float(np.linalg.inv(P)[0, 0])
-    alpha = alpha_tau / tau
-    data = {
-        "P": ExactMatrix.from_floats(P, _DIGITS).texts(),
-        "alpha": decimal_text(alpha, 6),
-        "beta": decimal_text(beta + 1e-3 * (alpha - beta), 9),
-    }
-    certificate = Certificate(METHOD, plant.sampling.with_period(tau_max), data)
-    return certificate if prove(plant, L, certificate).proved else None
+    best: tuple[float, dict[str, Any]] | None = None
+    for alpha_tau in np.geomspace(*_ALPHAS, 12).tolist():
+        P, margin = search(plant, L.floats, tau, alpha_tau)
+        if not margin > 0:
+            continue
+        alpha = alpha_tau / tau
+        beta = 2 * tau * tau * L_1 * L_1 * float(np.linalg.inv(P)[0, 0])
+        beta += 1e-3 * (alpha - beta)
+        speed = theorems.lemma_5_rate(alpha, beta, np.exp(alpha_tau)) / 2
+        if best is None or speed > best[0]:
+            data = {"P": ExactMatrix.from_floats(P, _DIGITS).texts(), "alpha": decimal_text(alpha, 9), "beta": decimal_text(beta, 12)}
+            best = (speed, data)
+    if best is None:
+        return None
+    certificate = Certificate(METHOD, plant.sampling.with_period(tau_max), best[1])
+    proved = prove(plant, L, certificate).proved and rate(certificate) >= Exact(sigma).ball()
+    return certificate if proved else None

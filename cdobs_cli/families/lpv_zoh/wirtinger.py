@@ -104,8 +104,8 @@ class Proposal:
     epsilon: float
 
 
-def design(plant: Plant, tau: float, sigma: float = 0.0) -> Proposal:
-    """The gain of the largest margin for every T_k <= tau and the rate sigma, over a line search on epsilon.
+def propose(plant: Plant, tau: float, sigma: float, epsilon: float) -> Proposal:
+    """The gain of the largest margin for every T_k <= tau, the rate sigma and one epsilon (in units of tau).
 
     A margin that is not positive means that none was found.
     """
@@ -118,32 +118,44 @@ def design(plant: Plant, tau: float, sigma: float = 0.0) -> Proposal:
     units = Units.of(given, tau)
     view = units.view(given)
     n, p, q = plant.n, plant.p, (2 / np.pi) ** 2
+    none = Proposal(np.zeros((n, p)), -np.inf, epsilon)
     vertices = theorems.vertices_25(view)
+    if not np.all(np.isfinite(vertices)):
+        return none
+    solution, margin = largest_margin(
+        {"P": symmetric(n), "S": full(n, n), "Y": full(n, p), "U": symmetric(p)},
+        lambda x, A_i: theorems.wirtinger_synthesis(x["P"], x["S"], x["Y"], x["U"], A_i, view.C, q, epsilon, sigma * tau),
+        vertices,
+        (lambda x: x["P"], lambda x: x["U"]),
+        lambda x: np.trace(x["P"]) - 1,
+    )
+    try:
+        L = units.gain_out(np.array(np.linalg.solve(solution.values["S"], solution.values["Y"]), dtype=np.float64))
+    except np.linalg.LinAlgError:
+        return none
+    return Proposal(L, margin, epsilon) if np.all(np.isfinite(L)) else none
 
-    def at(epsilon: float) -> Proposal:
-        solution, margin = largest_margin(
-            {"P": symmetric(n), "S": full(n, n), "Y": full(n, p), "U": symmetric(p)},
-            lambda x, A_i: theorems.wirtinger_synthesis(x["P"], x["S"], x["Y"], x["U"], A_i, view.C, q, epsilon, sigma * tau),
-            vertices,
-            (lambda x: x["P"], lambda x: x["U"]),
-            lambda x: np.trace(x["P"]) - 1,
-        )
-        try:
-            L = units.gain_out(np.array(np.linalg.solve(solution.values["S"], solution.values["Y"]), dtype=np.float64))
-        except np.linalg.LinAlgError:
-            return Proposal(np.zeros((n, p)), -np.inf, epsilon)
-        return Proposal(L, margin if np.all(np.isfinite(L)) else -np.inf, epsilon)
 
-    tried = [at(float(epsilon)) for epsilon in np.geomspace(*_EPSILONS, 9)]
+def design(plant: Plant, tau: float, sigma: float = 0.0) -> Proposal:
+    """`propose` over a line search on epsilon: the gain of the largest margin met."""
+    import numpy as np
+
+    tried = [propose(plant, tau, sigma, float(epsilon)) for epsilon in np.geomspace(*_EPSILONS, 9)]
     best = max(range(len(tried)), key=lambda k: tried[k].margin)
     low, high = tried[max(best - 1, 0)].epsilon, tried[min(best + 1, len(tried) - 1)].epsilon
     found = tried[best]
     for _ in range(3):
         middle = (low * high) ** 0.5
-        left, right = at((low * middle) ** 0.5), at((middle * high) ** 0.5)
+        left, right = (propose(plant, tau, sigma, epsilon) for epsilon in ((low * middle) ** 0.5, (middle * high) ** 0.5))
         found = max(found, left, right, key=lambda proposal: proposal.margin)
         if left.margin > right.margin:
             high = middle
         else:
             low = middle
     return found
+
+
+def redesign(plant: Plant, tau: float, sigma: float, epsilon: float) -> Proposal:
+    """`propose` at an epsilon that did well nearby; the whole line search where that fails."""
+    found = propose(plant, tau, sigma, epsilon)
+    return found if found.margin > 0 else design(plant, tau, sigma)

@@ -1,0 +1,287 @@
+"""What `check` says: stored certificates proved again, printed data put to the test, counterexamples, bounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+from flint import arb
+
+from cdobs_cli.certificate import Bound, Certificate, Check, Claim, Status, Witness
+from cdobs_cli.certify import clock
+from cdobs_cli.certify.ball import spectral_radius_lower
+from cdobs_cli.certify.bracket import smallest_refuted
+from cdobs_cli.certify.falsify import refute
+from cdobs_cli.design import Design
+from cdobs_cli.exact.expression import ExpressionError
+from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text, upper_text
+from cdobs_cli.families.lpv_zoh import any_gain, printed, printed_search, repaired, wirtinger
+from cdobs_cli.families.lpv_zoh.laws import at_period, contains, covers
+from cdobs_cli.families.lpv_zoh.observer import inclusion
+from cdobs_cli.families.lpv_zoh.theorems import vertices_25
+from cdobs_cli.hybrid import PlantView
+from cdobs_cli.plant import Plant
+
+if TYPE_CHECKING:
+    from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold
+
+CONVERGENCE = "convergence"
+METHODS = ("wirtinger", "clock", "repaired")
+_SOURCES = {
+    "wirtinger": "Wirtinger's inequality for the held error",
+    "clock": "clock-dependent quadratic function",
+    "spectral_radius": "spectral radius of the sampled error",
+    "repaired": "Boukal2020, Theorem 1, with its proof repaired",
+}
+
+
+@dataclass(frozen=True)
+class Proved:
+    """A stored certificate that was proved again: the rate it gives |e|, and its margin where one is known."""
+
+    certificate: Certificate
+    rate: arb
+    margin: Fraction | None
+
+    @property
+    def family(self) -> str:
+        """Its rung of the ladder of methods."""
+        return "clock" if self.certificate.method == clock.MONODROMY else self.certificate.method
+
+    @property
+    def T(self) -> Exact:
+        return self.certificate.sampling.T_max
+
+
+def reprove(plant: Plant, L: ExactMatrix, certificate: Certificate) -> Proved | None:
+    """The certificate for this plant and gain, proved from its stored decimals; None where that fails."""
+    try:
+        if certificate.method == wirtinger.METHOD:
+            result = wirtinger.prove(plant, L, certificate)
+            rate = Exact(certificate.data["sigma"]).ball()
+        elif certificate.method == repaired.METHOD:
+            result = repaired.prove(plant, L, certificate)
+            rate = repaired.rate(certificate)
+        elif certificate.method in (clock.METHOD, clock.MONODROMY):
+            result = clock.prove(inclusion(plant, {"L": L}), certificate)
+            rate = Exact(certificate.data["sigma"]).ball()
+        else:
+            return None
+    except (KeyError, ValueError, TypeError, IndexError, ZeroDivisionError, ExpressionError):
+        return None
+    return Proved(certificate, rate, result.margin) if result.proved else None
+
+
+def certify(family: LpvZeroOrderHold, plant: Plant, design: Design, effort: int) -> Check:
+    """All claims and bounds of the design, under the law it is for."""
+    law = design.sampling
+    plant = at_period(plant, law.T_max)
+    nobody = [c for c in design.certificates if c.method == any_gain.METHOD and _no_gain(plant, c)]
+    any_bound = _any_gain_bound(nobody)
+    if design.outcome == "none":
+        defeated = next((c for c in nobody if contains(law, c.sampling)), None)
+        status: Status = "refuted" if defeated is not None else "undecided"
+        reason = "no gain survives this sampling law" if defeated is not None else design.reason or "no gain was found"
+        witness = Witness("vector", "class", data=dict(defeated.data)) if defeated is not None else None
+        claim = Claim(CONVERGENCE, "consequence", status, f"The error converges: {reason}.", family.source, required=True, witness=witness)
+        return Check((claim,), {"period_max_any_gain": any_bound} if any_bound else {})
+    L = design.gain["L"]
+    claims: list[Claim] = []
+    proofs: list[Proved] = []
+    for certificate in design.certificates:
+        if certificate.method not in (any_gain.METHOD, printed_search.METHOD):
+            proof = reprove(plant, L, certificate)
+            claims.append(_certificate_claim(certificate, proof, claims))
+            proofs += [proof] if proof is not None else []
+    convergence = _convergence(plant, L, proofs, effort)
+    bounds = _bounds(plant, L, proofs, effort)
+    if any_bound is not None or "period_max" in bounds:
+        best = bounds["period_max"].proved if "period_max" in bounds else None
+        refuted, about = (any_bound.refuted, any_bound.about) if any_bound is not None else (None, "class")
+        bounds["period_max_any_gain"] = Bound(best, refuted, method=any_gain.METHOD if refuted else None, about=about)
+    printed_claims, printed_bounds = _printed(family, plant, design, L)
+    return Check((convergence, *claims, *printed_claims), bounds | printed_bounds)
+
+
+def _no_gain(plant: Plant, certificate: Certificate) -> bool:
+    try:
+        return any_gain.prove(plant, certificate)
+    except (KeyError, ValueError, TypeError, ExpressionError):
+        return False
+
+
+def _any_gain_bound(nobody: list[Certificate]) -> Bound | None:
+    if not nobody:
+        return None
+    least = min((certificate.sampling.T_max for certificate in nobody), key=float)
+    return Bound(None, _above(least), method=any_gain.METHOD, about="class")
+
+
+def _certificate_claim(certificate: Certificate, proof: Proved | None, before: list[Claim]) -> Claim:
+    method, law = certificate.method, certificate.sampling
+    down = method in ("wirtinger", "repaired") or law.T_min.sign() == 0
+    periods = (
+        f"every T_k <= {law.T_max}" if down else f"T_k = {law.T_max}" if law.kind == "periodic" else f"T_k in [{law.T_min}, {law.T_max}]"
+    )
+    rate = f" at rate {lower_text(proof.rate, 6)}" if proof is not None and proof.rate > 0 else ""
+    number = sum(claim.id.split(".")[0] == method for claim in before)
+    return Claim(
+        f"{method}.{number + 1}", "certificate", "proved" if proof is not None else "undecided",
+        f"For {periods} the error of the whole slope class converges{rate}", _SOURCES.get(method, method),
+        margin=lower_text(Exact(proof.margin).ball(), 6) if proof is not None and proof.margin is not None else None, method=method,
+    )  # fmt: skip
+
+
+def _convergence(plant: Plant, L: ExactMatrix, proofs: list[Proved], effort: int) -> Claim:
+    """The one required claim: proved by a certificate that covers the law, else refuted by a counterexample."""
+    law = plant.sampling
+    periods = f"T_k = {law.T_max}" if law.kind == "periodic" else f"any T_k in [{law.T_min}, {law.T_max}]"
+    statement = f"The error converges to 0 for {periods} and every plant of the slope class"
+    source = "Boukal2020, (24)"
+    covering = [proof for proof in proofs if covers(proof.certificate, law)]
+    if covering:
+        best = max(covering, key=lambda proof: float(proof.rate.mid()))
+        margin = lower_text(best.rate, 9)
+        return Claim(CONVERGENCE, "consequence", "proved", statement, source, True, margin, best.certificate.method, best.family)
+    witness = refute(inclusion(plant, {"L": L}), effort)
+    status: Status = "refuted" if witness is not None else "undecided"
+    return Claim(CONVERGENCE, "consequence", status, statement, source, True, witness=witness)
+
+
+def _bounds(plant: Plant, L: ExactMatrix, proofs: list[Proved], effort: int) -> dict[str, Bound]:
+    """The bracket of the period with its ladder of methods, and the rate under the law designed for."""
+
+    def longest(group: list[Proved]) -> Proved | None:
+        return max(group, key=lambda proof: float(proof.T), default=None)
+
+    def usable(proof: Proved) -> bool:
+        """A proof for laws of the plant's kind at some period."""
+        return proof.certificate.method in ("wirtinger", "repaired") or proof.certificate.sampling.kind == plant.sampling.kind
+
+    best = longest([proof for proof in proofs if usable(proof)])
+    refuted = smallest_refuted(lambda T: inclusion(at_period(plant, T), {"L": L}), best.T if best else None, effort)
+    upper = _above(refuted[0]) if refuted else None
+    bounds: dict[str, Bound] = {}
+    if best is not None or upper is not None:
+        bounds["period_max"] = Bound(_below(best.T) if best else None, upper, method=best.family if best else None, about="class")
+    for method in METHODS:
+        rung = longest([proof for proof in proofs if proof.family == method and usable(proof)])
+        if rung is not None:
+            bounds[f"period_max.{method}"] = Bound(_below(rung.T), upper, method=method, about="class")
+    covering = [proof for proof in proofs if covers(proof.certificate, plant.sampling)]
+    fastest = max(covering, key=lambda proof: float(proof.rate.mid()), default=None)
+    slowest = slowest_constant_slope(plant, L)
+    if fastest is not None or slowest is not None:
+        bounds["decay_rate"] = Bound(
+            lower_text(fastest.rate, 9) if fastest is not None else None,
+            upper_text(slowest, 9) if slowest is not None else None,
+            unit="1/s", method=fastest.family if fastest is not None else None, about="class",
+        )  # fmt: skip
+    return bounds
+
+
+def _below(T: Exact) -> str:
+    """A decimal not above T: T itself where it is one."""
+    return lower_text(T.ball()) if T.rational is None or "/" in str(T) else str(T)
+
+
+def _above(T: Exact) -> str:
+    """A decimal not below T: T itself where it is one."""
+    return upper_text(T.ball()) if T.rational is None or "/" in str(T) else str(T)
+
+
+def slowest_constant_slope(plant: Plant, L: ExactMatrix) -> arb | None:
+    """A rate that the error certainly does not exceed: -ln(rho) / T of the sampled error at the worst corner
+    of the slope box, at the largest period; None where no corner gives one (or the loop is unstable)."""
+    from cdobs_cli.certify.falsify import candidate_corners, exponentials, spectral_radii
+
+    system = inclusion(plant, {"L": L})
+    T, ends = plant.sampling.T_max, plant.slopes
+    maps, exact = system.floats, system.balls
+    corners = [
+        tuple((ends.upper if up else ends.lower)[entry] for up, entry in zip(corner, system.entries, strict=True))
+        for corner in candidate_corners(system)
+    ]
+    import numpy as np
+
+    flows = np.array([maps.flow(tuple(float(v) for v in corner)) for corner in corners])
+    if not np.all(np.isfinite(flows)):
+        return None
+    worst = int(np.argmax(spectral_radii(maps.jump @ exponentials(flows * float(T)))))
+    Phi = exact.flow(tuple(printed.scalar(v) for v in corners[worst])).exp(printed.scalar(T))
+    rho = spectral_radius_lower(exact.jump @ Phi)
+    if not 0 < rho < 1:
+        return None
+    return -rho.log() / T.ball()
+
+
+def _printed(family: LpvZeroOrderHold, plant: Plant, design: Design, L: ExactMatrix) -> tuple[list[Claim], dict[str, Bound]]:
+    """The printed conditions for the printed (P, Y), or for those that method theorem_1 found."""
+    found = next((c for c in design.certificates if c.method == printed_search.METHOD), None)
+    if family.printed is not None:
+        P, Y = family.printed.P, family.printed.Y
+    elif found is not None:
+        P, Y = (ExactMatrix(found.data[name]) for name in ("P", "Y"))
+    else:
+        return [], {}
+    view = PlantView.balls(plant, {"L": L})
+    given = L if family.gain is not None or family.printed is None else None
+    true = printed.Printed.of(P, Y, given, view.C, vertices_25(view))
+    if true is None:
+        return [], {}
+    T = plant.sampling.T_max
+    claims = printed.claims(true, T, "theorem_1", "at the corners of the slope class")
+    bounds = {"tau_max": printed.tau_max_bound(true)}
+    if family.printed is not None and family.gain is not None:
+        claims.append(_gain_claim(P, Y, L))
+    vertices = family.printed.vertices if family.printed is not None else None
+    if vertices is not None:
+        claims.append(_vertices_claim(plant, vertices))
+        typed = printed.Printed.of(P, Y, given, view.C, [vertex.balls() for vertex in vertices])
+        if typed is not None:
+            claims += printed.claims(typed, T, "theorem_1.printed_vertices", "at the printed vertices")
+            bounds["tau_max.printed_vertices"] = printed.tau_max_bound(typed)
+    return claims, bounds
+
+
+def _gain_claim(P: ExactMatrix, Y: ExactMatrix, L: ExactMatrix) -> Claim:
+    """Is the printed L the printed P^-1 Y, to half a unit of the last digit typed?"""
+    try:
+        quotient = P.balls().solve(Y.balls())
+    except ZeroDivisionError:
+        return Claim("theorem_1.gain", "printed", "undecided", "L = P^-1 Y: P may be singular", printed.SOURCE, method="theorem_1")
+    distances = [abs(arb(quotient[i, j]) - L[i, j].ball()) for i in range(L.shape[0]) for j in range(L.shape[1])]
+    units = [_last_digit(str(L[i, j])) for i in range(L.shape[0]) for j in range(L.shape[1])]
+    inside = all(distance <= unit / 2 for distance, unit in zip(distances, units, strict=True))
+    outside = any(distance > unit / 2 for distance, unit in zip(distances, units, strict=True))
+    entries = ", ".join(lower_text(arb(quotient[i, 0]), 7) for i in range(L.shape[0]))
+    largest = max(distances, key=lambda distance: float(distance.mid()))
+    return Claim(
+        "theorem_1.gain", "printed", "proved" if inside else "refuted" if outside else "undecided",
+        f"L = P^-1 Y to half a unit of its last digit: P^-1 Y = ({entries})", printed.SOURCE,
+        margin=upper_text(largest, 6), method="theorem_1",
+        witness=Witness("vector", "class", data={"P^-1 Y": entries}) if outside else None,
+    )  # fmt: skip
+
+
+def _last_digit(text: str) -> arb:
+    """The unit of the last digit of a decimal."""
+    digits = text.partition(".")[2]
+    return Exact(Fraction(1, 10 ** len(digits))).ball()
+
+
+def _vertices_claim(plant: Plant, vertices: tuple[ExactMatrix, ...]) -> Claim:
+    """Is each printed vertex A + V with V in the declared slope box?"""
+    outside: list[dict[str, Any]] = []
+    for k, vertex in enumerate(vertices):
+        for i in range(plant.n):
+            for j in range(plant.n):
+                value = vertex[i, j] - plant.A[i, j]
+                if (value - plant.slopes.lower[i, j]).sign() == -1 or (plant.slopes.upper[i, j] - value).sign() == -1:
+                    outside.append({"vertex": k + 1, "entry": [i + 1, j + 1], "slope": str(value)})
+    return Claim(
+        "theorem_1.vertices", "printed", "refuted" if outside else "proved",
+        "The printed vertices are A + V with V in the declared slopes", "Boukal2020, (25), (43)", method="theorem_1",
+        witness=Witness("vector", "class", data={"outside": outside}) if outside else None,
+    )  # fmt: skip

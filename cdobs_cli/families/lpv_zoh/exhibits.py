@@ -1,0 +1,122 @@
+"""Figures and tables of this family: held outputs, the spectral radii, period against rate, the ladder."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cdobs_cli.certificate import Check
+from cdobs_cli.chart import Chart, Exhibits, Panel, Role, Series, Table
+from cdobs_cli.design import Design
+from cdobs_cli.families.lpv_zoh.observer import INNOVATION, inclusion
+from cdobs_cli.plant import Plant
+from cdobs_cli.run import Run
+
+_NOTES = (
+    "The printed proof of Theorem 1 does not hold as it stands: V_2 with the lower limit t_k has no negative term in its "
+    "derivative, so the limit must be t - tau_max; alpha_1 should be mu / lambda_max(P) and beta divide by lambda_min(P); "
+    "alpha is the smaller of alpha_1, alpha_2, and alpha_2 = (delta - 1) / (delta tau_max). "
+    "Claims named theorem_1 test the conditions as printed; convergence never rests on them.",
+)
+
+
+def exhibits(plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
+    """What the report shows beyond the common figures."""
+    if design.outcome == "none":
+        return Exhibits()
+    charts = [*_held_outputs(plant, run), *_curve(plant, design, check)]
+    tables = [_radii(plant, design), *_ladder(check)]
+    printed = check is not None and any(claim.id.startswith("theorem_1.") for claim in check.claims)
+    return Exhibits(tuple(charts), tuple(tables), _NOTES if printed else ())
+
+
+def _held_outputs(plant: Plant, run: Run | None) -> list[Chart]:
+    """The measurement y(t_k) and the observer's own output C x_hat(t_k), both held, and their difference."""
+    if run is None or not run.trajectories or not len(run.trajectories[0].t_k):
+        return []
+    import numpy as np
+
+    first = run.trajectories[0]
+    panels = []
+    for k in range(plant.p):
+        held = first.internals.get(f"{INNOVATION}{k}")
+        if held is None:
+            return []
+        after = np.searchsorted(first.t, first.t_k, side="right") - 1
+        innovation = np.asarray(held)[after]
+        y = first.y_k[:, k]
+        ends = np.append(first.t_k, first.t[-1])
+        series = (
+            Series("measured", ends, _to_end(y), "steps", "measured"),
+            Series("observer", ends, _to_end(y - innovation), "steps", "estimate"),
+        )
+        panels.append(Panel("time (s)", f"$y_{k + 1}(t_k)$", series))
+        panels.append(Panel("time (s)", f"$r_{k + 1}(t_k)$", (Series("innovation", ends, _to_end(innovation), "steps", "other"),)))
+    caption = "Sampled outputs of the plant and of the observer, held between samples, and the innovation that drives the observer."
+    return [Chart("held_outputs", "Held outputs", caption, tuple(panels))]
+
+
+def _to_end(values: Any) -> Any:
+    """The last value once more: held to the end of the run."""
+    import numpy as np
+
+    return np.append(values, values[-1])
+
+
+def _curve(plant: Plant, design: Design, check: Check | None) -> list[Chart]:
+    """The rate that can be proved at each largest period."""
+    curve = design.details.get("curve", {})
+    shown: tuple[tuple[str, str, Role], ...] = (
+        ("any_gain", "convex synthesis, a gain for each period", "other"),
+        ("this_gain", "this gain", "proved"),
+    )
+    series = [
+        Series(label, [float(point["period"]) for point in curve[key]], [float(point["rate"]) for point in curve[key]], "line", role)
+        for key, label, role in shown
+        if curve.get(key)
+    ]
+    if not series:
+        return []
+    bound = None if check is None else check.bounds.get("period_max")
+    if bound is not None and bound.refuted not in (None, "inf"):
+        series.append(Series("this gain refuted", [float(bound.refuted or 0)], [0.0], "mark", "refuted"))
+    law = "the sampling period" if plant.sampling.kind == "periodic" else "the largest sampling period"
+    caption = f"The decay rate against {law}. Each point was proved when the design was made."
+    return [Chart("period_rate", "Period against rate", caption, (Panel("period (s)", "proved rate (1/s)", tuple(series)),))]
+
+
+def _radii(plant: Plant, design: Design) -> Table:
+    """Spectral radii of the sampled error at constant slopes and the largest period."""
+    import numpy as np
+
+    from cdobs_cli.certify.falsify import exponentials, spectral_radii
+    from cdobs_cli.families.lpv_zoh.laws import at_period
+
+    system = inclusion(at_period(plant, design.sampling.T_max), design.gain)
+    maps = system.floats
+    T = float(design.sampling.T_max)
+    rows: list[tuple[Any, ...]] = []
+    for name, share in (("lower ends", 0.0), ("middle", 0.5), ("upper ends", 1.0)):
+        v = tuple(low + share * (high - low) for low, high in zip(maps.lower, maps.upper, strict=True))
+        rho = float(spectral_radii(maps.jump @ exponentials(np.array([maps.flow(v) * T])))[0])
+        rows.append((name, rho))
+    return Table(
+        "sampled_radii", "Spectral radius of the sampled error",
+        "At constant slopes and the largest period of the law; below 1 the error of that linear member of the class converges. "
+        "Computed in floating point: an illustration, not a proof.",
+        ("slopes", "spectral radius"), tuple(rows),
+    )  # fmt: skip
+
+
+def _ladder(check: Check | None) -> list[Table]:
+    """The period that each method proves for this gain."""
+    if check is None:
+        return []
+    rows = [
+        (name.removeprefix("period_max.") if "." in name else "best", bound.proved, bound.refuted)
+        for name, bound in check.bounds.items()
+        if name.split(".")[0] == "period_max"
+    ]
+    if not rows:
+        return []
+    caption = "The longest period proved for this gain by each method, and the shortest found to be defeated."
+    return [Table("ladder", "Ladder of methods", caption, ("method", "proved (s)", "refuted (s)"), tuple(rows))]
