@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 # No input may hang: a run ends with a finding after so many samples or steps, fewer where there are many runs.
 MAX_RUNS, MAX_STATES_TOGETHER = 20_000, 400_000
-MAX_SAMPLES, MAX_SAMPLES_TOGETHER = 100_000, 5_000_000
+MAX_SAMPLES, MAX_SAMPLES_TOGETHER = 50_000, 5_000_000
 MAX_STEPS, MAX_STEPS_TOGETHER = 200_000, 4_000_000
 
 

@@ -39,7 +39,7 @@ class Timetable:
         if not self.high > 0:
             raise SpecError((Problem(("measurement", "sampling"), "no sampling period above 0", str(law.document()), "a positive period"),))
         samples = self.horizon / ((self.low + self.high) / 2)
-        if self._typed is None and samples > max_samples:
+        if self._typed is None and samples >= max_samples:
             raise SpecError(
                 (
                     Problem(

@@ -1,4 +1,7 @@
-"""The next sample of an observer that chooses it: the first time its trigger reaches 0 from below."""
+"""The next sample of an observer that chooses it: the first time its trigger reaches 0 from below.
+
+Called with numpy's warnings off: an undefined trigger is no root.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,8 @@ if TYPE_CHECKING:
     Trigger = Callable[[Array, Array, Array], Array]
 
 _LOOKS = (0.25, 0.5, 0.75, 1.0)  # where a step is looked at for a crossing
-_FINE = 1e-11  # of a step, on the interpolant; `polished` then works on the flow itself
+_FINE = 1e-8  # of a step, on the interpolant; `polished` then works on the flow itself
+_ITERATIONS = 150
 
 
 def first_root(trigger: Trigger, coefficients: Array, y: Array, t: Any, h: Any, held: Array) -> Array:
@@ -43,22 +47,23 @@ def first_root(trigger: Trigger, coefficients: Array, y: Array, t: Any, h: Any, 
     found = high <= 1.0
     if not found.any():
         return high
-    root, least, done = high.copy(), np.abs(above), ~found
+    root, least, done, last_up = high.copy(), np.abs(above), ~found, np.full(runs, -1)
     a, b, f_a, f_b = low, high.copy(), below.copy(), above.copy()
-    for iteration in range(80):
-        with np.errstate(all="ignore"):
-            guess = b - f_b * (b - a) / (f_b - f_a)
+    for iteration in range(_ITERATIONS):
+        guess = b - f_b * (b - a) / (f_b - f_a)
         # A bisection now and then keeps the bracket shrinking whatever the trigger's shape.
-        guess = np.where((guess > a) & (guess < b) & (iteration % 4 != 3), guess, (a + b) / 2)
+        guess = np.where((guess > a) & (guess < b) & (iteration % 5 != 4), guess, (a + b) / 2)
         f = value(np.where(done, 1.0, guess))
         better = ~done & (np.abs(f) <= least)
         done = done | (b - a <= _FINE) | (f == 0) | (better & (np.abs(guess - root) <= _FINE))
         root, least = np.where(better, guess, root), np.where(better, np.abs(f), least)
-        up = f >= 0
-        f_a, f_b = np.where(up, f_a / 2, f), np.where(up, f, f_b / 2)
-        a, b = np.where(up, a, guess), np.where(up, guess, b)
         if done.all():
             break
+        up = f >= 0
+        # An end that stays twice counts half (Illinois).
+        f_a = np.where(up, np.where(last_up == 1, f_a / 2, f_a), f)
+        f_b = np.where(up, f, np.where(last_up == 0, f_b / 2, f_b))
+        a, b, last_up = np.where(up, a, guess), np.where(up, guess, b), up.astype(int)
     return root
 
 
@@ -74,13 +79,11 @@ def polished(
     rise = trigger(t + theta * h, interpolate(coefficients, y, theta), held) - trigger(
         t + back * h, interpolate(coefficients, y, back), held
     )
-    with np.errstate(all="ignore"):
-        slope = rise / ((theta - back) * h)
+    slope = rise / ((theta - back) * h)
     s = theta * h
     state = part(s)
     for _ in range(2):
-        with np.errstate(all="ignore"):
-            change = -trigger(t + s, state, held) / slope
+        change = -trigger(t + s, state, held) / slope
         s = np.where(np.abs(change) <= 1e-6 * h, s + change, s)
         state = part(s)
     return s, state
