@@ -23,7 +23,7 @@ from cdobs_cli.exact.ranges import Range, range_of
 FULL = 6_000_000
 TRIAL = 400_000
 _SHORT = 8
-_TOLERANCES = (0.002, 0.008, 0.05, 0.5)
+TOLERANCES = (0.002, 0.008, 0.05, 0.5)
 
 
 @dataclass(frozen=True)
@@ -55,11 +55,14 @@ def bounded(function: Expression, region: Region, limit: Exact, work: int) -> Bo
     return Bounded("proved" if status else "undecided", value, point, box)
 
 
-def least_bound(function: Expression, region: Region) -> str | None:
+def least_bound(
+    function: Expression, region: Region, tolerances: tuple[float, ...] = TOLERANCES, work: int = FULL
+) -> str | None:
     """A short decimal c, close to the supremum, for which function <= c is proved; None where there is none.
 
     Tried in turn: the end of the function's own range and the largest value met at a point, where these are
-    short decimals (suprema that are attained come out exactly); then that value and a small part of the width.
+    short decimals (suprema that are attained come out exactly); then that value and a small part of the width,
+    one of `tolerances` after the other.
     """
     own = range_of(function, region.box)
     met, attained = _largest(function, region)
@@ -69,18 +72,23 @@ def least_bound(function: Expression, region: Region) -> str | None:
     width = float(met + lowest) if lowest is not None else 0.0
     if isinstance(own.upper, Fraction) and _is_short(own.upper) and own.upper - met <= Fraction(max(width, 1e-9 * abs(float(met)))) / 1000:
         return fraction_text(own.upper)
-    if attained and _is_short(met) and bounded(function, region, Exact(met), TRIAL).status == "proved":
-        return fraction_text(met)
-    for tolerance in _TOLERANCES:
+    if attained and _is_short(met):
+        found = bounded(function, region, Exact(met), min(TRIAL, work) // 8)
+        if found.status == "proved":
+            return fraction_text(met)
+        room = max(tolerances[0] * width, 1e-12)
+        if found.value <= float(met) + room:
+            return _above(Fraction(found.value), room)
+    if region.unbounded and bounded(function, region, Exact(_above(2 * abs(met), 1)), TRIAL).value == inf:
+        return None
+    for tolerance in tolerances:
         room = max(tolerance * width, 1e-9 * abs(float(met)), 1e-12)
         for _ in range(3):
             limit = _above(met + Fraction(room) / 2, room)
-            found = bounded(function, region, Exact(limit), FULL)
+            found = bounded(function, region, Exact(limit), work)
             if found.status == "proved":
                 return limit
             if found.point is None:
-                if found.value == inf and tolerance == _TOLERANCES[0]:
-                    return None
                 break
             met = max(met, _value(function, found.point) or met)
         if isfinite(found.value) and found.value <= float(met) + 10 * room:

@@ -8,13 +8,12 @@ from fractions import Fraction
 from typing import Literal
 
 from cdobs_cli.certificate import Claim, Status, Witness
-from cdobs_cli.certify.bounded import TRIAL, bounded
+from cdobs_cli.certify.bounded import TRIAL, bounded, least_bound
 from cdobs_cli.certify.points import high_points
 from cdobs_cli.certify.region import Region, point_text
 from cdobs_cli.exact.expression import Call, Expression, Power, call
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.exact.ranges import Range, range_of
-from cdobs_cli.plant import Plant
 
 Need = Literal["nonzero", "positive", "nonnegative"]
 _SIGNS: dict[Need, str] = {"nonzero": "!= 0", "positive": "> 0", "nonnegative": ">= 0"}
@@ -127,10 +126,23 @@ def _zero_between(g: Expression, a: Mapping[str, Fraction], b: Mapping[str, Frac
     return along(low)
 
 
-def defined_claim(plant: Plant, found: tuple[Definedness, ...], region: Region) -> Claim:
-    """The premise `defined`: every component of phi has a value all over the domain."""
+def bounded_away(g: Expression, region: Region) -> tuple[Status, Fraction | None, Mapping[str, Fraction] | None]:
+    """Whether |g| >= some c > 0 over the region; c, or a point next to which g is 0."""
+    status, point = _holds(g, "nonzero", region)
+    if status != "proved":
+        return status, None, point
+    for side in (g, -g):
+        low = least_bound(-side, region)
+        if low is not None and Fraction(low) < 0:
+            return "proved", -Fraction(low), None
+    # Not zero, but not seen to stay away from it: 1/g has no bound then.
+    return "undecided", None, None
+
+
+def defined_claim(found: tuple[Definedness, ...], region: Region, what: str = "phi") -> Claim:
+    """The premise `defined`: every component has a value all over the domain."""
     worst = next((one for s in ("refuted", "undecided") for one in found if one.status == s), Definedness("proved"))
-    text = f"phi is defined for {region.text()}"
+    text = f"{what} is defined for {region.text()}"
     if worst.status == "refuted":
         text += f": {worst.condition} fails"
     elif worst.status == "undecided":

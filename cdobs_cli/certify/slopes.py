@@ -45,7 +45,7 @@ def slope_claims(plant: Plant) -> tuple[Claim, ...]:
             if slope != ZERO or (i, j) in plant.slopes.entries:
                 claims.append(_claim(plant, i, j, slope, region, judged[i]))
     if any(True for phi in plant.phi for _ in conditions(phi)):
-        claims.append(defined_claim(plant, judged, region))
+        claims.append(defined_claim(judged, region))
     if plant.domain:
         claims.append(domain_invariant(plant))
     return tuple(claims)

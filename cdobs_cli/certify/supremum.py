@@ -29,6 +29,7 @@ from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.exact.ranges import Range, range_of
 
 CHUNK = 2048
+PATIENCE = 8
 _NEAR = 1e-9
 
 
@@ -50,6 +51,7 @@ class _Search:
         self.evaluators = [Evaluator(form, region.names) for form in forms]
         ball = limit.ball()
         self.c_low, self.c_high = (float(end[0]) for end in boxes.constant(ball, 1))
+        self.near = self.c_high + _NEAR * (1e-3 + abs(self.c_high))
         self.w = [_Affine(w, region.names) for w in region.where]
 
     def first(self) -> tuple[Array, Array]:
@@ -64,6 +66,7 @@ class _Search:
         upper = np.array([inf])
         count = 0
         decided = -inf
+        patience = PATIENCE
         while len(low):
             if count >= budget:
                 return self.left("undecided", low, high, upper, count, decided)
@@ -83,6 +86,11 @@ class _Search:
             new = _split((X[0][still], X[1][still]), step.smear[still])
             if new is None:
                 return self.left("undecided", X[0][still], X[1][still], step.upper[still], count, decided)
+            if max(np.max(step.upper[still], initial=-inf), np.max(rest[2], initial=-inf)) <= self.near:
+                # Only boxes that touch c are left, and exact ends do not decide them: splitting seldom helps.
+                patience -= 1
+                if patience == 0:
+                    return self.left("undecided", X[0][still], X[1][still], step.upper[still], count, decided)
             low, high = np.vstack([rest[0], new[0]]), np.vstack([rest[1], new[1]])
             upper = np.concatenate([rest[2], np.tile(step.upper[still], 2)])
         return Supremum("proved", min(decided, self.c_high), count)
@@ -130,7 +138,7 @@ class _Search:
             if len(part):
                 upper[part] = np.minimum(upper[part], self.on_face((face[0][part], face[1][part])))
                 still = ~(upper <= self.c_low)
-            for k in np.flatnonzero(still & (upper <= self.c_high + _NEAR * (1 + abs(self.c_high))))[:64]:
+            for k in np.flatnonzero(still & (upper <= self.near))[:64]:
                 if self.exactly(face[0][k], face[1][k]):
                     upper[k], still[k] = self.c_high, False
         return _Step(upper, still, smear, point)

@@ -7,7 +7,7 @@ with its own argument brought to this form first. Cancelling may enlarge the set
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import comb, lcm
@@ -15,7 +15,7 @@ from typing import Any
 
 from flint import Ordering, fmpq, fmpq_mpoly_ctx
 
-from cdobs_cli.exact.expression import ONE, ZERO, Call, Constant, Expression, ExpressionError, Number, Power, Variable, call, power
+from cdobs_cli.exact.expression import MINUS_ONE, ZERO, Call, Constant, Expression, ExpressionError, Number, Power, Variable, call, power
 
 MAX_TERMS = 600
 MAX_DEGREE = 64
@@ -38,20 +38,44 @@ class Quotient:
         """Back to a tree: factored, integer coefficients inside, signs outside."""
         top, bottom = self.ring.factors(self.numerator), self.ring.factors(self.denominator)
         coefficient = top.coefficient / bottom.coefficient
-        value: Expression = Number(coefficient.numerator)
-        for factor in top.factors:
+        factors = list(top.factors)
+        if coefficient < 0:
+            # a - b rather than -(b - a).
+            k = next((k for k, one in enumerate(factors) if isinstance(one, Call) and one.function == "add" and _has_minus(one)), None)
+            if k is not None:
+                factors[k], coefficient = _negated(factors[k]), -coefficient
+        value: Expression = Number(abs(coefficient.numerator))
+        for factor in factors:
             value = value * factor
         below: Expression = Number(coefficient.denominator)
         for factor in bottom.factors:
             below = below * factor
-        return value / below
+        value = value / below
+        return -value if coefficient < 0 else value
 
-    def without(self, generator: Expression) -> bool:
-        """Whether the generator does not occur."""
-        if generator not in self.ring.generators:
-            return True
-        index = self.ring.generators.index(generator)
-        return bool(self.numerator.degrees()[index] == 0 and self.denominator.degrees()[index] == 0)
+
+def _has_minus(total: Expression) -> bool:
+    return any(isinstance(term, Number) and term.value < 0 or isinstance(term, Call) and term.children[0] == MINUS_ONE for term in _terms(total))
+
+
+def _terms(total: Expression) -> list[Expression]:
+    if isinstance(total, Call) and total.function == "add":
+        return [*_terms(total.children[0]), *_terms(total.children[1])]
+    return [total]
+
+
+def _negated(total: Expression) -> Expression:
+    """-(a - b) as b - a, term by term, what stays positive first."""
+    turned = []
+    for term in _terms(total):
+        if isinstance(term, Call) and term.function == "multiply" and term.children[0] == MINUS_ONE:
+            turned.append(term.children[1])
+        else:
+            turned.append(-term)
+    result: Expression = ZERO
+    for term in sorted(turned, key=lambda one: isinstance(one, Number) and one.value < 0 or isinstance(one, Call) and one.children[0] == MINUS_ONE):
+        result = result + term
+    return result
 
 
 @dataclass(frozen=True)
@@ -120,21 +144,32 @@ class Ring:
             factors.append(_raised(self._sum(part * side), int(multiplicity)))
         return _Factors(coefficient, tuple(factors))
 
+    def collected(self, polynomial: Any, index: int) -> dict[int, Expression]:
+        """Coefficients by powers of one generator."""
+        parts: dict[int, Any] = {}
+        for powers, value in polynomial.terms():
+            rest = tuple(0 if k == index else exponent for k, exponent in enumerate(powers))
+            term = self.context.from_dict({rest: value})
+            degree = int(powers[index])
+            parts[degree] = parts[degree] + term if degree in parts else term
+        return {degree: self._sum(part) for degree, part in parts.items()}
+
     def _sum(self, polynomial: Any) -> Expression:
         positive: Expression = ZERO
-        negative: Expression = ZERO
+        negative: list[Expression] = []
         for powers, value in polynomial.terms():
             coefficient = _fraction(value)
-            term: Expression = ONE
+            term: Expression = Number(abs(coefficient))
             for generator, exponent in zip(self.generators, powers, strict=False):
                 if exponent:
                     term = term * _raised(generator, int(exponent))
-            term = Number(abs(coefficient)) * term
             if coefficient > 0:
                 positive = positive + term
             else:
-                negative = negative + term
-        return positive - negative if negative != ZERO else positive
+                negative.append(term)
+        for term in negative:
+            positive = positive - term
+        return positive
 
 
 def _raised(generator: Expression, exponent: int) -> Expression:
@@ -152,7 +187,8 @@ def quotients(expressions: Sequence[Expression]) -> list[Quotient]:
 
     Raises: TooLargeError, ZeroDivisionError (a denominator that is identically zero).
     """
-    prepared, generators = _atoms(expressions)
+    prepared = _prepared(expressions)
+    generators = _generators(prepared)
     ring = Ring(generators)
     memo: dict[Expression, Quotient] = {}
     one = ring.constant(Fraction(1))
@@ -165,70 +201,84 @@ def quotients(expressions: Sequence[Expression]) -> list[Quotient]:
                 root = power(generator.base, Fraction(1, part))
                 memo[root] = Quotient(ring, ring.gens[k] ** (degree // part), one)
     for expression in prepared:
-        for node in expression.walk():
-            if node not in memo:
-                memo[node] = _quotient(node, memo, ring, one)
+        for node in _outside(expression, memo):
+            memo[node] = _quotient(node, memo, ring)
     return [memo[expression] for expression in prepared]
 
 
-def _quotient(node: Expression, memo: dict[Expression, Quotient], ring: Ring, one: Any) -> Quotient:
+def _outside(expression: Expression, done: Mapping[Expression, Quotient]) -> Iterator[Expression]:
+    """Nodes without a form yet, children first; what is inside a generator is not visited."""
+    stack = [(expression, False)]
+    while stack:
+        node, ready = stack.pop()
+        if node in done:
+            continue
+        if ready:
+            yield node
+        else:
+            stack.append((node, True))
+            stack.extend((child, False) for child in node.children)
+
+
+def _quotient(node: Expression, memo: Mapping[Expression, Quotient], ring: Ring) -> Quotient:
     if isinstance(node, Number):
-        return Quotient(ring, ring.constant(node.value), one)
+        return Quotient(ring, ring.constant(node.value), ring.constant(Fraction(1)))
     if isinstance(node, Power):
         return ring.power(memo[node.base], node.exponent.numerator)
-    if not isinstance(node, Call):
-        # Inside another generator (the argument of a sine): never used as a value.
-        return Quotient(ring, one, one)
-    parts = [memo[child] for child in node.children]
-    match node.function:
-        case "add":
-            return ring.add(*parts)
-        case "multiply":
-            return ring.multiply(*parts)
-        case "divide":
-            return ring.divide(*parts)
-    return Quotient(ring, one, one)
+    assert isinstance(node, Call)
+    combine = {"add": ring.add, "multiply": ring.multiply, "divide": ring.divide}[node.function]
+    return combine(*(memo[child] for child in node.children))
 
 
-def _atoms(expressions: Sequence[Expression]) -> tuple[list[Expression], list[Expression]]:
-    """Trees of + * / and integer powers over generators, and the generators."""
-    generators: dict[Expression, None] = {}
+def _prepared(expressions: Sequence[Expression]) -> list[Expression]:
+    """Trees of + * / and integer powers over generators, whose arguments are in canonical form."""
     memo: dict[Expression, Expression] = {}
-
-    def atom(node: Expression) -> Expression:
-        generators[node] = None
-        return node
-
     for expression in expressions:
         for node in expression.walk():
             if node in memo:
                 continue
             if isinstance(node, Variable | Constant):
-                memo[node] = atom(node)
+                memo[node] = node
             elif isinstance(node, Power):
                 base = memo[node.base]
                 if node.exponent.denominator > 1:
-                    base = atom(Power(simplify(base), Fraction(1, node.exponent.denominator)))
+                    base = Power(simplify(base), Fraction(1, node.exponent.denominator))
                 memo[node] = power(base, Fraction(node.exponent.numerator))
             elif isinstance(node, Call):
                 children = tuple(memo[child] for child in node.children)
                 if node.function in ("add", "multiply", "divide"):
                     memo[node] = call(node.function, *children)
                 elif node.function == "sqrt":
-                    memo[node] = atom(Power(simplify(children[0]), Fraction(1, 2)))
+                    memo[node] = Power(simplify(children[0]), Fraction(1, 2))
                 elif node.function == "monod":
                     memo[node] = children[0] / (children[1] + children[0])
                 elif node.function == "contois":
                     memo[node] = children[0] / (children[2] * children[1] + children[0])
                 else:
-                    inner = call(node.function, *(simplify(child) for child in children))
-                    memo[node] = atom(inner) if isinstance(inner, Call) else inner
+                    memo[node] = _undone(call(node.function, *(simplify(child) for child in children)))
             else:
                 memo[node] = node
-    return [memo[expression] for expression in expressions], _used(generators, [memo[e] for e in expressions])
+    return [memo[expression] for expression in expressions]
 
 
-def _used(generators: dict[Expression, None], expressions: Sequence[Expression]) -> list[Expression]:
+def _undone(node: Expression) -> Expression:
+    """exp(log(x)) and log(exp(x)) as x."""
+    if isinstance(node, Call) and node.function in ("exp", "log"):
+        (inner,) = node.children
+        if isinstance(inner, Call) and {node.function, inner.function} == {"exp", "log"}:
+            return inner.children[0]
+    return node
+
+
+def _is_generator(node: Expression) -> bool:
+    """Whatever is not built by + * / and integer powers."""
+    if isinstance(node, Power):
+        return node.exponent.denominator > 1
+    return not isinstance(node, Number) and not (isinstance(node, Call) and node.function in ("add", "multiply", "divide"))
+
+
+def _generators(expressions: Sequence[Expression]) -> list[Expression]:
+    """The generators of trees prepared by `_prepared`; a variable under a root is held by the root."""
     used: dict[Expression, None] = {}
     seen: set[Expression] = set()
     stack = list(expressions)
@@ -237,7 +287,7 @@ def _used(generators: dict[Expression, None], expressions: Sequence[Expression])
         if node in seen:
             continue
         seen.add(node)
-        if node in generators:
+        if _is_generator(node):
             used[node] = None
         else:
             stack.extend(node.children)

@@ -1,0 +1,35 @@
+"""Are two expressions the same function? Identity by canonical form, difference by a point."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+
+from cdobs_cli.certificate import Status
+from cdobs_cli.certify.points import high_points, point_balls
+from cdobs_cli.certify.region import Region
+from cdobs_cli.exact.expression import Expression
+from cdobs_cli.exact.rational import is_zero, simplify
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """proved: the same; refuted: they differ at `point` of the region."""
+
+    status: Status
+    point: Mapping[str, Fraction] | None = None
+
+
+def compared(a: Expression, b: Expression, region: Region) -> Comparison:
+    """Whether a = b over the region."""
+    difference = a - b
+    if is_zero(difference):
+        return Comparison("proved")
+    short = simplify(difference)
+    for side in (short, -short):
+        for point in high_points(side, region):
+            ball = difference.ball(point_balls(point))
+            if (ball > 0 or ball < 0) and region.holds(point):
+                return Comparison("refuted", point)
+    return Comparison("undecided")
