@@ -153,7 +153,9 @@ class Coordinates:
         text = f"|det dT/dx| = |{det}| > 0 for {self.region.text()}"
         witness = Witness("point", "plant", data={"point": point_text(point)}) if point else None
         margin = fraction_text(least) if least is not None else None
-        return Claim("coordinates.diffeomorphism", "premise", status, text, SOURCE, margin=margin, method="branch and bound", witness=witness)
+        return Claim(
+            "coordinates.diffeomorphism", "premise", status, text, SOURCE, margin=margin, method="branch and bound", witness=witness,
+        )  # fmt: skip
 
     def printed(self) -> tuple[Claim, ...]:
         """Printed phi and C against the derived ones: an error is found, with a point."""
@@ -332,9 +334,7 @@ def _terms(expression: Expression) -> list[Expression]:
     return [expression]
 
 
-def _linear_part(
-    f: Sequence[Expression], names: Sequence[str], *, cancel: bool = True
-) -> tuple[ExactMatrix, tuple[Expression, ...]]:
+def _linear_part(f: Sequence[Expression], names: Sequence[str], *, cancel: bool = True) -> tuple[ExactMatrix, tuple[Expression, ...]]:
     """A and the rest: f = A x + phi, where A takes the terms `constant * state` of each sum as it is typed."""
     rows, rest = [], []
     for one in f:

@@ -110,7 +110,10 @@ def _certify(work: Work, design: Design) -> Check:
         return Check((Claim("convergence", "consequence", "undecided", statement, family.source, required=True),))
     plant = work.plant(design)
     made = family.certify(plant, design, work.effort)
-    return Check((*slope_claims(plant), *made.claims), made.bounds)
+    premises = slope_claims(plant)
+    if work.spec.coordinates is not None:
+        premises = work.spec.coordinates.premises(premises)
+    return Check((*premises, *made.claims), made.bounds)
 
 
 def simulate(work: Work) -> dict[str, Any] | None:

@@ -55,9 +55,7 @@ def bounded(function: Expression, region: Region, limit: Exact, work: int) -> Bo
     return Bounded("proved" if status else "undecided", value, point, box)
 
 
-def least_bound(
-    function: Expression, region: Region, tolerances: tuple[float, ...] = TOLERANCES, work: int = FULL
-) -> str | None:
+def least_bound(function: Expression, region: Region, tolerances: tuple[float, ...] = TOLERANCES, work: int = FULL) -> str | None:
     """A short decimal c, close to the supremum, for which function <= c is proved; None where there is none.
 
     Tried in turn: the end of the function's own range and the largest value met at a point, where these are

@@ -41,7 +41,14 @@ class Quotient:
         factors = list(top.factors)
         if coefficient < 0:
             # a - b rather than -(b - a).
-            k = next((k for k, one in enumerate(factors) if isinstance(one, Call) and one.function == "add" and _has_minus(one)), None)
+            k = next(
+                (
+                    k
+                    for k, one in enumerate(factors)
+                    if isinstance(one, Call) and one.function == "add" and any(map(_is_minus, _terms(one)))
+                ),
+                None,
+            )
             if k is not None:
                 factors[k], coefficient = _negated(factors[k]), -coefficient
         value: Expression = Number(abs(coefficient.numerator))
@@ -54,8 +61,10 @@ class Quotient:
         return -value if coefficient < 0 else value
 
 
-def _has_minus(total: Expression) -> bool:
-    return any(isinstance(term, Number) and term.value < 0 or isinstance(term, Call) and term.children[0] == MINUS_ONE for term in _terms(total))
+def _is_minus(term: Expression) -> bool:
+    if isinstance(term, Number):
+        return term.value < 0
+    return isinstance(term, Call) and term.function == "multiply" and term.children[0] == MINUS_ONE
 
 
 def _terms(total: Expression) -> list[Expression]:
@@ -66,14 +75,9 @@ def _terms(total: Expression) -> list[Expression]:
 
 def _negated(total: Expression) -> Expression:
     """-(a - b) as b - a, term by term, what stays positive first."""
-    turned = []
-    for term in _terms(total):
-        if isinstance(term, Call) and term.function == "multiply" and term.children[0] == MINUS_ONE:
-            turned.append(term.children[1])
-        else:
-            turned.append(-term)
+    turned = [term.children[1] if _is_minus(term) and isinstance(term, Call) else -term for term in _terms(total)]
     result: Expression = ZERO
-    for term in sorted(turned, key=lambda one: isinstance(one, Number) and one.value < 0 or isinstance(one, Call) and one.children[0] == MINUS_ONE):
+    for term in sorted(turned, key=_is_minus):
         result = result + term
     return result
 

@@ -35,9 +35,7 @@ def solve(equations: Sequence[Expression], unknowns: Sequence[str], nonnegative:
     return solution
 
 
-def _easiest(
-    equations: Sequence[Expression], unknowns: Sequence[str], nonnegative: Collection[str]
-) -> tuple[int, str, Expression] | None:
+def _easiest(equations: Sequence[Expression], unknowns: Sequence[str], nonnegative: Collection[str]) -> tuple[int, str, Expression] | None:
     """An equation with as few unknowns as possible, and one of them solved for."""
     order = sorted(range(len(equations)), key=lambda k: (len(equations[k].variables & set(unknowns)), len(str(equations[k]))))
     for k in order:
