@@ -1,1 +1,100 @@
-"""Family `interval`."""
+"""The card of the family `interval`: two bounds that enclose the state between samples (Efimov2016).
+
+    x_lower(t) <= x(t) <= x_upper(t) for all t,    xdot = A x + B u + d,    y_k = C x(t_k) + v_k
+
+Notation: z = S x the coordinates the bounds live in, Q0 = S A S^-1, Q1 = -S L C S^-1, e = (z - z_lower,
+z_upper - z), E(s) the map of e over a time s since a sample, Mtot the matrix of the width, w* its witness,
+Tbar the largest sampling period.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+from pydantic import BaseModel, ConfigDict, Discriminator, Tag
+
+from cdobs_cli.chart import Exhibits
+from cdobs_cli.errors import Problem
+from cdobs_cli.families.base import Family
+from cdobs_cli.families.fields import Rows
+
+if TYPE_CHECKING:
+    from cdobs_cli.certificate import Check
+    from cdobs_cli.design import Design
+    from cdobs_cli.exact.numbers import ExactMatrix
+    from cdobs_cli.hybrid import HybridInclusion, Observer
+    from cdobs_cli.plant import Plant
+    from cdobs_cli.run import Run, SimulationPlan
+
+
+class Gain(BaseModel):
+    """A given observer: S, shape (n, n), and L, shape (n, p)."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+
+    S: Rows
+    L: Rows
+
+
+class Feedback(BaseModel):
+    """Given feedback u = K_lower z_lower + K_upper z_upper at samples, both of shape (m, n)."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+
+    K_lower: Rows
+    K_upper: Rows
+
+
+FeedbackField = Annotated[
+    Annotated[Literal["none", "design"], Tag("a word")] | Annotated[Feedback, Tag("given gains")],
+    Discriminator(lambda value: "given gains" if isinstance(value, dict | Feedback) else "a word"),
+]
+
+
+class Interval(Family):
+    """`observer: {family: interval, ..}`."""
+
+    source: ClassVar[str] = "Efimov2016"
+    example: ClassVar[str] = ""
+
+    family: Literal["interval"] = "interval"
+    objective: Literal["given_period", "max_period", "min_width"] = "given_period"
+    tighten: Literal["none", "intersect", "hull"] = "none"
+    feedback: FeedbackField = "none"
+    gain: Gain | None = None
+
+    def problems(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:
+        from cdobs_cli.families.interval.structure import problems
+
+        return problems(self, plant, simulation)
+
+    def controlled(self, inputs: tuple[str, ...]) -> frozenset[str]:
+        return frozenset() if self.feedback == "none" else frozenset(inputs)
+
+    def synthesize(self, plant: Plant, effort: int) -> Design:
+        from cdobs_cli.families.interval.synthesis import synthesize
+
+        return synthesize(self, plant, effort)
+
+    def certify(self, plant: Plant, design: Design, effort: int) -> Check:
+        from cdobs_cli.families.interval.claims import certify
+
+        return certify(self, plant, design, effort)
+
+    def observer(self, plant: Plant, design: Design) -> Observer:
+        from cdobs_cli.families.interval.observer import hull_observer, interval_observer
+
+        if self.tighten == "hull":
+            return hull_observer(plant, design)
+        return interval_observer(plant, design, intersect=self.tighten == "intersect")
+
+    def inclusion(self, plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
+        from cdobs_cli.families.interval.observer import inclusion
+
+        return inclusion(plant, gain)
+
+    def exhibits(self, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
+        from cdobs_cli.families.interval.exhibits import exhibits
+
+        return exhibits(self, plant, design, check, run)

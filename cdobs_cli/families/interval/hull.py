@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 from flint import arb
 
+from cdobs_cli.certificate import Witness
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
-from cdobs_cli.exact.numbers import ExactMatrix
+from cdobs_cli.exact.numbers import ExactMatrix, lower_text
 from cdobs_cli.families.interval.boundedness import DIGITS
 from cdobs_cli.families.interval.held_loop import growth, holds_on, law_ends
 from cdobs_cli.families.interval.parts import absolute
@@ -111,13 +112,17 @@ def error_maps_at(A: Array, C: Array, S: Array, L: Array, periods: list[float]) 
 
 
 def hull_width(
-    A: Matrix, C: Matrix, S: Matrix, R: Matrix, L: Matrix, w: Matrix, disturbance: Matrix, noise: Matrix, law: SamplingLaw
-) -> Matrix | None:
+    A: Matrix, C: Matrix, S: Matrix, R: Matrix, L: Matrix, w: Matrix, disturbance: Matrix, noise: Matrix, law: SamplingLaw,
+    known: Matrix | None = None,
+) -> Matrix | None:  # fmt: skip
     """An upper bound of the final width of x at all times, shape (n, 1): the largest over the phase s of the
     width that a radius rho bounded for ever leads to.
 
     The bound of rho starts at the multiple of w that no sample raises, and is improved by applying the worst
     sample of the law to it; every step is a valid bound. For one period it tends to the fixed point itself.
+
+    Args:
+        known: a final width of z proved without the hull, shape (n, 1): the hull is never wider.
     """
     n = A.shape[0]
     half_d, half_v = disturbance * Fraction(1, 2), noise * Fraction(1, 2)
@@ -133,6 +138,8 @@ def hull_width(
                 return None
             beta = arb.max(beta, (arb(piece.rate[i, 0]) / drop[i]).upper())
     rho = w.balls() * beta
+    if known is not None:
+        rho = Matrix.from_rows([[arb.min(arb(rho[i, 0]), arb(known[i, 0]) / 2).upper()] for i in range(n)])
     for _ in range(_ROUNDS if low > 0 else 1):
         peak = [arb(0)] * n
         for piece in pieces:
@@ -144,6 +151,9 @@ def hull_width(
     for piece in pieces:
         value = (piece.to_x @ rho + piece.in_x) * 2
         width = [arb.max(width[i], arb(value[i, 0]).upper()) for i in range(n)]
+    if known is not None:
+        without = absolute(R) @ known
+        width = [arb.min(value, arb(without[i, 0])).upper() for i, value in enumerate(width)]
     return Matrix.from_rows([[value] for value in width])
 
 
@@ -186,3 +196,17 @@ def flow_to_x(gamma: Matrix, A: Matrix, LC: Matrix, s: arb) -> Matrix:
     """F(s) = I + s (Gamma_A(s)/s) (A - L C)."""
     F: Matrix = Matrix.identity(A.shape[0]) + gamma @ (A - LC) * s
     return F
+
+
+def refute_hull(A: Matrix, C: Matrix, S: Matrix, R: Matrix, L: Matrix, law: SamplingLaw) -> Witness | None:
+    """A constant period of the law at which the radius grows for ever: rho(|S F(T) S^-1|) > 1, proved."""
+    from cdobs_cli.certify.ball import spectral_radius_lower
+
+    for T in (law.T_max, law.T_min):
+        if T.sign() != 1:
+            continue
+        s = T.ball()
+        multiplier = spectral_radius_lower(absolute(Matrix.identity(A.shape[0]) + hull_growth(A, C, S, R, L, s) * s))
+        if multiplier > 1:
+            return Witness("constant", "plant", (str(T),), ((),), lower_text(multiplier), data={"arcs": [1]})
+    return None

@@ -68,7 +68,7 @@ def _combination(row: Matrix, C: Matrix) -> Matrix | None:
 
 
 def intersected_width(
-    z: Coordinates[Matrix], rows: dict[int, Matrix], w: Matrix, c: Matrix, noise: Matrix, low: Fraction, high: Fraction
+    z: Coordinates[Matrix], rows: dict[int, Matrix], w: Matrix, c: Matrix, noise: Matrix, high: Fraction
 ) -> Matrix:
     """An upper bound of the final width of z when rows of z are intersected at samples, at all times.
 
@@ -78,7 +78,7 @@ def intersected_width(
     of them is.
 
     Args:
-        w, c: bound of the width and width of delta, shape (n, 1). low, high: ends of the sampling periods.
+        w, c: bound of the width and width of delta, shape (n, 1). high: the largest sampling period.
     """
     n = w.shape[0]
     split = metzler_split(z.Q0)

@@ -1,0 +1,60 @@
+"""What `validate` says about a spec of this family, without linear algebra."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from cdobs_cli.errors import Problem
+from cdobs_cli.plant import Plant
+from cdobs_cli.run import SimulationPlan
+
+if TYPE_CHECKING:
+    from cdobs_cli.exact.numbers import ExactMatrix
+    from cdobs_cli.families.interval import Interval
+
+MAX_STATES = 12
+
+
+def problems(family: Interval, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:
+    """Mistakes that show in names, shapes and signs."""
+    found: list[Problem] = []
+    n, p, m = plant.n, plant.p, len(plant.inputs)
+    if n > MAX_STATES:
+        found.append(Problem(("plant", "states"), "this observer is built for small plants", f"{n} states", f"at most {MAX_STATES}"))
+    if plant.sampling.kind == "updated":
+        found.append(
+            Problem(
+                ("measurement", "sampling", "updated"), "this observer does not choose its sampling instants",
+                allowed="{period: ..} or {min_period: .., max_period: ..}", hint="family updated_sampling does",
+            )
+        )  # fmt: skip
+    states = set(plant.states)
+    for i, phi in enumerate(plant.phi):
+        if states & phi.variables:
+            found.append(
+                Problem(
+                    ("plant", "phi", i), "this observer is for linear plants: phi may use the inputs only", str(phi), '"0"',
+                    "write linear terms into A, and bound a nonlinear one by plant.disturbance",
+                )
+            )  # fmt: skip
+    if family.gain is not None:
+        found += _shape(("observer", "gain", "S"), family.gain.S, (n, n), "one row and one column per state")
+        found += _shape(("observer", "gain", "L"), family.gain.L, (n, p), "one row per state, one column per output")
+    if family.feedback != "none":
+        if plant.B is None or m == 0:
+            found.append(Problem(("observer", "feedback"), "feedback needs plant.inputs and plant.B", hint="or feedback: none"))
+        elif family.feedback != "design":
+            for name in ("K_lower", "K_upper"):
+                K: ExactMatrix = getattr(family.feedback, name)
+                found += _shape(("observer", "feedback", name), K, (m, n), "one row per input, one column per state")
+    if simulation is not None and simulation.initial_box is None:
+        found.append(
+            Problem(("simulation", "initial_box"), "this observer starts from a known box of x(0)", "nothing", "{lower: [..], upper: [..]}")
+        )
+    return found
+
+
+def _shape(field: tuple[str, ...], matrix: ExactMatrix, wanted: tuple[int, int], why: str) -> list[Problem]:
+    if matrix.shape == wanted:
+        return []
+    return [Problem(field, f"{field[-1]} has {why}", f"{matrix.shape[0]} x {matrix.shape[1]}", f"{wanted[0]} x {wanted[1]}")]
