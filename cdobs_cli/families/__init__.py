@@ -6,12 +6,14 @@ The spec makes the discriminated union of these classes, told apart by their `fa
 from __future__ import annotations
 
 from cdobs_cli.families.base import Family
+from cdobs_cli.families.interval import Interval
 from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold
 from cdobs_cli.families.reachability import Reachability
 
 FAMILIES: dict[str, type[Family]] = {
     "reachability": Reachability,
     "lpv_zoh": LpvZeroOrderHold,
+    "interval": Interval,
 }
 
 __all__ = ["FAMILIES", "Family"]

@@ -231,9 +231,9 @@ def _lmi_15(a: Analysis, boundedness: Status) -> None:
         None if proved is None else lower_text(proved), None if limit is None else upper_text(limit),
         method="LMI (15)", about="boundedness only; refuted: (15) has no solution from there on",
     )  # fmt: skip
-    if proved is not None and a.T <= proved:
+    if proved is not None and frontier is not None and _at_most(a.law.T_max, frontier[0].sampling.T_max):
         a.say("lmi_15", "certificate", "proved", text, source, margin=lower_text(proved - a.T))
-    elif (limit is not None and a.T >= limit) or boundedness == "refuted":
+    elif (limit is not None and limit <= a.T) or boundedness == "refuted":
         a.say("lmi_15", "certificate", "refuted", text, source, method="no solution exists; that is no statement about the observer")
     else:
         a.say("lmi_15", "certificate", "undecided", text, source)
@@ -241,7 +241,8 @@ def _lmi_15(a: Analysis, boundedness: Status) -> None:
 
 def _hull(a: Analysis) -> Status:
     """Positivity and boundedness for comparison, and the contraction that the predictor rests on."""
-    without = _positivity(a), _boundedness(a)
+    # A design searched for the hull alone has no reason to meet the paper's conditions.
+    without = (None, None) if a.structure and a.design.outcome == "found" else (_positivity(a), _boundedness(a))
     exact = _matrices(a)
     text = f"|S F(s) S^-1| contracts in one weighted norm for every {_periods(a.law)}"
     stored = a.matrix("hull", "w")
@@ -266,7 +267,9 @@ def _matrices(a: Analysis) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix]:
 def _separation(a: Analysis) -> Status:
     """The held loop xdot = A x + B (K_lower + K_upper) S x(t_k), proved or refuted under the law."""
     source = f"{SOURCE}, (16), (17)"
-    text = f"Separation: the errors do not depend on u, and xdot = A x + B (K_lower + K_upper) S x(t_k) is stable for every {_periods(a.law)}"
+    text = (
+        f"Separation: the errors do not depend on u, and xdot = A x + B (K_lower + K_upper) S x(t_k) is stable for every {_periods(a.law)}"
+    )
     A, closed = closed_loop(a.plant, a.design.gain)
     proved_until: Exact | None = None
     frontier = a.matrix("held_loop_frontier", "P")
@@ -276,9 +279,7 @@ def _separation(a: Analysis) -> Status:
     proved = stored is not None and stored[0] == a.law and prove_held_loop(A, closed, stored[1], a.law, a.effort)
     if proved and proved_until is None:
         proved_until = a.law.T_max
-    refuted = smallest_refuted(
-        lambda T: held_inclusion(a.plant, a.design.gain, a.law.with_period(T)), proved_until, a.effort
-    )
+    refuted = smallest_refuted(lambda T: held_inclusion(a.plant, a.design.gain, a.law.with_period(T)), proved_until, a.effort)
     a.bounds["held_loop_period_max"] = Bound(
         None if proved_until is None else lower_text(proved_until.ball()), None if refuted is None else str(refuted[0]),
         method="common quadratic function of x(t_k)", about="the plant with the feedback, without disturbance",
@@ -288,9 +289,21 @@ def _separation(a: Analysis) -> Status:
     witness = refute_held_loop(a.plant, a.design.gain, a.law, a.effort)
     if witness is None:
         return a.say("separation", "certificate", "undecided", text, source)
-    multiplier = " + ".join(part for part in witness.data.get("eigenvalue", [witness.multiplier]) if part != "0")
-    text += f"; with T_k = {witness.times[0]} throughout its multiplier is {multiplier}: x diverges while the bounds enclose it"
+    text += f"; with T_k = {witness.times[0]} throughout its multiplier is {_multiplier(witness)}: x diverges while the bounds enclose it"
     return a.say("separation", "certificate", "refuted", text, source, method="eigenvalue of the sampled loop", witness=witness)
+
+
+def _at_most(one: Exact, other: Exact) -> bool:
+    """Whether one <= other is certain."""
+    return one == other or (other - one).sign() in (0, 1)
+
+
+def _multiplier(witness: Witness) -> str:
+    """The eigenvalue where it is known, else its modulus."""
+    if "eigenvalue" not in witness.data:
+        return f"{witness.multiplier} in modulus"
+    real, imaginary = witness.data["eigenvalue"]
+    return str(real) if float(imaginary) == 0 else f"{real} +- {imaginary.lstrip('-')} i"
 
 
 def _same_law(one: SamplingLaw, other: SamplingLaw) -> bool:
@@ -314,9 +327,9 @@ def _theorem_2(a: Analysis) -> None:
         text += f", proved gamma = {proved[1].gamma}"
     frontier = _theorem_2_at(a, loop, "theorem_2_frontier")
     if frontier is not None and frontier[1].gamma.ball() < limit:
-        a.bounds["theorem_2_period_max"] = Bound(lower_text(frontier[0]), method="Theorem 2", about="the held loop, by a small gain")
+        a.bounds["theorem_2_period_max"] = Bound(lower_text(frontier[0].ball()), method="Theorem 2", about="the held loop, by a small gain")
     printed = next(claim for claim in a.claims if claim.id == "theorem_1_positivity")
-    if proved is not None and proved[1].gamma.ball() < limit and a.T <= proved[0] and printed.status == "proved":
+    if proved is not None and proved[1].gamma.ball() < limit and _at_most(a.law.T_max, proved[0]) and printed.status == "proved":
         a.say("theorem_2", "printed", "proved", text, source, margin=lower_text(limit - proved[1].gamma.ball()))
         return
     witness = refute_theorem_2(loop, limit)
@@ -335,12 +348,12 @@ def _theorem_2(a: Analysis) -> None:
         a.say("theorem_2", "printed", "undecided", text, source)
 
 
-def _theorem_2_at(a: Analysis, loop: Any, method: str) -> tuple[arb, Theorem2] | None:
+def _theorem_2_at(a: Analysis, loop: Any, method: str) -> tuple[Exact, Theorem2] | None:
     found = a.certificate(method, lambda stored: Theorem2.from_document(stored.data))
     if found is None:
         return None
-    T = found[0].sampling.T_max.ball()
-    return (T, found[1]) if prove_theorem_2(loop, found[1], T) else None
+    T = found[0].sampling.T_max
+    return (T, found[1]) if prove_theorem_2(loop, found[1], T.ball()) else None
 
 
 def _period_max(a: Analysis, parts: dict[str, Status]) -> None:
@@ -392,7 +405,9 @@ def _final_width(a: Analysis, parts: dict[str, Status]) -> None:
     if widths is None:
         return
     values = [arb(widths[i, 0]) for i in range(a.plant.n)]
-    rows = {"final_width": sum(values[1:], values[0])} | {f"final_width.{name}": value for name, value in zip(a.plant.states, values, strict=True)}
+    rows = {"final_width": sum(values[1:], values[0])} | {
+        f"final_width.{name}": value for name, value in zip(a.plant.states, values, strict=True)
+    }
     for name, value in rows.items():
         about = "sum over the states" if name == "final_width" else None
         a.bounds[name] = Bound(upper_text(value), lower_text(value) if exact else None, unit="", method=method, about=about)
@@ -430,4 +445,3 @@ def comparison(family: Interval, plant: Plant, design: Design) -> dict[str, Matr
         if widths is not None:
             found["hull"] = widths
     return found
-

@@ -96,13 +96,14 @@ class Search:
         p = len(self.C)
         M = error_flow(shape.S @ self.A @ shape.R)
         size = len(M)
-        flow = np.block([[M, np.eye(size)], [np.zeros((size, 2 * size))]]) * Tbar
+        # exp([M T, I; 0, 0] r) holds exp(M T r) and Gamma(T r)/T.
+        flow = np.block([[M * Tbar, np.eye(size)], [np.zeros((size, 2 * size))]])
         if not np.all(np.isfinite(flow)) or np.abs(flow).sum(axis=1).max() > 200:
             return None
         parts = exponentials(flow[None] * (np.arange(1, _PHASES + 1) / _PHASES)[:, None, None])
         index = np.arange(p)
         with np.errstate(all="ignore"):
-            ratios = parts[:, index, index] / parts[:, index, size + index]
+            ratios = parts[:, index, index] / (parts[:, index, size + index] * Tbar)
         q = ratios.min(axis=0)
         return q if np.all(np.isfinite(q)) and np.all(q > 0) else None
 

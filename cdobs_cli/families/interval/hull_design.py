@@ -24,7 +24,9 @@ if TYPE_CHECKING:
 _GROWTH = 1.25
 
 
-def hull_design(family: Interval, plant: Plant, search: Search, effort: int) -> tuple[dict[str, ExactMatrix], SamplingLaw, dict[str, Any]] | str:
+def hull_design(
+    family: Interval, plant: Plant, search: Search, effort: int
+) -> tuple[dict[str, ExactMatrix], SamplingLaw, dict[str, Any]] | str:
     """Gain, law and details for the objective; or why there is none.
 
     `max_period` climbs from period to period while a contraction is found; the other objectives take the
@@ -44,9 +46,7 @@ def hull_design(family: Interval, plant: Plant, search: Search, effort: int) -> 
     return found[0], law, {}
 
 
-def _at(
-    plant: Plant, search: Search, law: SamplingLaw, before: Array | None, effort: int
-) -> tuple[dict[str, ExactMatrix], Array] | None:
+def _at(plant: Plant, search: Search, law: SamplingLaw, before: Array | None, effort: int) -> tuple[dict[str, ExactMatrix], Array] | None:
     """Gain and parameters at one law, proved."""
     n, p = plant.n, plant.p
     high, low = float(law.T_max), float(law.T_min)

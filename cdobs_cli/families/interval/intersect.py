@@ -14,7 +14,8 @@ from typing import Any
 from flint import arb
 
 from cdobs_cli.exact.functions import fraction_ball
-from cdobs_cli.exact.matrix import Matrix, block
+from cdobs_cli.exact.matrix import Matrix
+from cdobs_cli.families.interval.held_loop import growth
 from cdobs_cli.families.interval.parts import absolute, metzler_split
 from cdobs_cli.families.interval.theorems import Coordinates
 
@@ -67,9 +68,7 @@ def _combination(row: Matrix, C: Matrix) -> Matrix | None:
     return G if all(value == 0 for value in rest.tolist()[0]) else None
 
 
-def intersected_width(
-    z: Coordinates[Matrix], rows: dict[int, Matrix], w: Matrix, c: Matrix, noise: Matrix, high: Fraction
-) -> Matrix:
+def intersected_width(z: Coordinates[Matrix], rows: dict[int, Matrix], w: Matrix, c: Matrix, noise: Matrix, high: Fraction) -> Matrix:
     """An upper bound of the final width of z when rows of z are intersected at samples, at all times.
 
     Starts from a valid bound w (the final width without intersection) and improves it in turn: measured rows
@@ -82,14 +81,14 @@ def intersected_width(
     """
     n = w.shape[0]
     split = metzler_split(z.Q0)
-    growth = split[0] + split[1]
+    flow = split[0] + split[1]
     held_split = metzler_split(z.Q1)
     held = held_split[0] + held_split[1]
     others = [i for i in range(n) if i not in rows]
     bound = [arb(w[i, 0]).upper() for i in range(n)]
     restart = {i: (absolute(G) @ noise)[0, 0] for i, G in rows.items()}
     pieces = [(high * k / _PIECES, high * (k + 1) / _PIECES) for k in range(_PIECES)]
-    maps = [_width_maps(growth, held, a, b) for a, b in pieces]
+    maps = [_width_maps(flow, held, a, b) for a, b in pieces]
     for _ in range(_ROUNDS):
         start = Matrix.from_rows([[arb.min(bound[i], arb(restart[i])).upper()] if i in rows else [bound[i]] for i in range(n)])
         peak = [arb(0)] * n
@@ -98,7 +97,7 @@ def intersected_width(
             peak = [arb.max(peak[i], arb(value[i, 0]).upper()) for i in range(n)]
         better = [arb.min(bound[i], peak[i]).upper() if i in rows else bound[i] for i in range(n)]
         if others:
-            settled = _settled(growth, held, c, start, better, others)
+            settled = _settled(flow, held, c, start, better, others)
             if settled is not None:
                 for i, value in zip(others, settled, strict=True):
                     better[i] = arb.min(better[i], value).upper()
@@ -109,17 +108,17 @@ def intersected_width(
     return Matrix.from_rows([[value] for value in bound])
 
 
-def _settled(growth: Matrix, held: Matrix, c: Matrix, start: Matrix, better: list[arb], others: list[int]) -> list[arb] | None:
+def _settled(flow: Matrix, held: Matrix, c: Matrix, start: Matrix, better: list[arb], others: list[int]) -> list[arb] | None:
     """Where rows not measured settle for good: 0 = (P + N)_oo w_o + what drives them. None unless (P + N)_oo is
     certainly Hurwitz (its negative inverse nonnegative)."""
-    n = growth.shape[0]
-    inner = growth[others, others]
+    n = flow.shape[0]
+    inner = flow[others, others]
     drive = []
     for i in others:
         total = arb(c[i, 0])
         for j in range(n):
             if j not in others:
-                total += arb(growth[i, j]) * better[j]
+                total += arb(flow[i, j]) * better[j]
             total += arb.max(arb(held[i, j]), arb(0)) * arb(start[j, 0])
         drive.append([total])
     try:
@@ -132,12 +131,9 @@ def _settled(growth: Matrix, held: Matrix, c: Matrix, start: Matrix, better: lis
     return [arb(value[k, 0]).upper() for k in range(len(others))]
 
 
-def _width_maps(growth: Matrix, held: Matrix, low: Fraction, high: Fraction) -> tuple[Matrix, Matrix]:
-    """E_w(s) = exp(G s) + Gamma(s) H and Gamma(s), for s in [low, high], enclosed."""
-    n = growth.shape[0]
-    zero = Matrix.zeros(n, n)
-    flow = block([[growth, Matrix.identity(n)], [zero, zero]])
-    middle, radius = (low + high) / 2, fraction_ball((high - low) / 2).upper()
-    both = flow.exp(arb(0, radius)) @ flow.exp(fraction_ball(middle))
-    integral = both[0:n, n : 2 * n]
-    return both[0:n, 0:n] + integral @ held, integral
+def _width_maps(flow: Matrix, held: Matrix, low: Fraction, high: Fraction) -> tuple[Matrix, Matrix]:
+    """E_w(s) = I + Gamma(s) (G + H) and Gamma(s), for s in [low, high], enclosed."""
+    n = flow.shape[0]
+    s = fraction_ball((low + high) / 2) + arb(0, fraction_ball((high - low) / 2).upper())
+    integral = growth(flow, Matrix.identity(n), s) * s
+    return Matrix.identity(n) + integral @ (flow + held), integral

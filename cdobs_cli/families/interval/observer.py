@@ -59,9 +59,7 @@ def interval_observer(plant: Plant, design: Design, *, intersect: bool) -> Obser
     held_low = [_sum(a, -b, c, d) for a, b, c, d in zip(product(P1, at_low), product(N1, at_up), injected, delta_low, strict=True)]
     held_up = [_sum(a, -b, c, d) for a, b, c, d in zip(product(P1, at_up), product(N1, at_low), injected, delta_up, strict=True)]
     Z_low, Z_up = _variables(low), _variables(up)
-    flow_low = [
-        _sum(a, -b, c, Variable(g)) for a, b, c, g in zip(product(P, Z_low), product(N, Z_up), known, g_low, strict=True)
-    ]
+    flow_low = [_sum(a, -b, c, Variable(g)) for a, b, c, g in zip(product(P, Z_low), product(N, Z_up), known, g_low, strict=True)]
     flow_up = [_sum(a, -b, c, Variable(g)) for a, b, c, g in zip(product(P, Z_up), product(N, Z_low), known, g_up, strict=True)]
     out_low, out_up = enclosure(z.R, Z_low, Z_up)
     still = [ZERO] * (2 * n)
@@ -102,10 +100,7 @@ def hull_observer(plant: Plant, design: Design) -> Observer:
     F = [[a - b for a, b in zip(row, cut, strict=True)] for row, cut in zip(E_rows, compose(H_rows, exact_C), strict=True)]
     FR = compose(F, exact_R)
     SFR = compose(exact_S, FR)
-    spread = [
-        _sum(a, Variable(b), v)
-        for a, b, v in zip(product(moduli(FR), radius), in_x, product(moduli(H_rows), v_rad), strict=True)
-    ]
+    spread = [_sum(a, Variable(b), v) for a, b, v in zip(product(moduli(FR), radius), in_x, product(moduli(H_rows), v_rad), strict=True)]
     next_rho = [
         _sum(a, Variable(b), v)
         for a, b, v in zip(product(moduli(SFR), radius), in_z, product(moduli(compose(exact_S, H_rows)), v_rad), strict=True)

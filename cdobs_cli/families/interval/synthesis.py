@@ -81,7 +81,7 @@ def synthesize(family: Interval, plant: Plant, effort: int) -> Design:
 
     Source: Efimov2016, Theorem 1, Theorem 2
     """
-    law, details = plant.sampling, {}
+    law, details = plant.sampling, dict[str, Any]()
     if family.gain is not None:
         outcome: Outcome = "given"
         gain: Gain = {"S": family.gain.S, "L": family.gain.L}

@@ -1,0 +1,134 @@
+"""What the report shows of this family: widths over time, the positivity that decides the period, the trade-off
+between period and width, and the ways to tighten the bounds side by side."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cdobs_cli.certificate import Check
+from cdobs_cli.chart import Chart, Exhibits, Panel, Series, Table
+from cdobs_cli.design import Design
+from cdobs_cli.families.interval.claims import comparison
+from cdobs_cli.families.interval.theorems import error_flow, error_held
+from cdobs_cli.plant import Plant
+from cdobs_cli.run import Run
+
+if TYPE_CHECKING:
+    from cdobs_cli.families.interval import Interval
+
+MAX_PANELS = 6
+
+
+def exhibits(family: Interval, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
+    """Charts and tables of one design; what there is no data for is left out."""
+    if design.outcome == "none":
+        return Exhibits()
+    charts = [width_chart(plant, check, run), positivity_chart(plant, design, check), trade_off_chart(design, check)]
+    tables = [comparison_table(family, plant, design), sylvester_table(design)]
+    return Exhibits(tuple(chart for chart in charts if chart), tuple(table for table in tables if table), _notes(check))
+
+
+def width_chart(plant: Plant, check: Check | None, run: Run | None) -> Chart | None:
+    """x_upper - x_lower against time with its proved limit."""
+    if run is None or not run.trajectories or "x_lower" not in run.trajectories[0].estimates:
+        return None
+    first = run.trajectories[0]
+    width = first.estimates["x_upper"] - first.estimates["x_lower"]
+    panels = []
+    for j, name in enumerate(plant.states[:MAX_PANELS]):
+        series = [Series("width", first.t, width[:, j], "line", "estimate")]
+        bound = check.bounds.get(f"final_width.{name}") if check is not None else None
+        if bound is not None and bound.proved is not None:
+            series.append(Series("proved final width", (first.t[0],), (float(bound.proved),), "limit", "proved"))
+        panels.append(Panel("time (s)", f"width of {name}", tuple(series), y_scale="log"))
+    caption = "Distance of the two bounds of each state. The proved final width holds for every signal in the declared intervals."
+    return Chart("width", "Width of the interval estimate", caption, tuple(panels))
+
+
+def positivity_chart(plant: Plant, design: Design, check: Check | None) -> Chart | None:
+    """The diagonal entries of E(s) that can turn negative, up to a little beyond their first zero."""
+    from cdobs_cli.certify.falsify import exponentials
+    from cdobs_cli.families.interval.synthesis import Views
+
+    bound = check.bounds.get("positivity_period_max") if check is not None else None
+    if check is None or bound is None or bound.refuted is None:
+        return None
+    z = Views.of(plant, design.gain).floats
+    M, N1 = error_flow(z.Q0), error_held(z.Q1)
+    size = len(M)
+    limit = float(bound.refuted)
+    s = np.linspace(0.0, 1.25 * max(limit, float(design.sampling.T_max)), 200)
+    flow = np.block([[M, np.eye(size)], [np.zeros((size, 2 * size))]])
+    parts = exponentials(flow[None] * s[:, None, None])
+    E = parts[:, :size, :size] + parts[:, :size, size:] @ N1
+    series = [Series(f"$E_{{{j + 1}{j + 1}}}(s)$", s, E[:, j, j], "line", "other") for j in range(plant.n) if N1[j, j] < 0]
+    series.append(Series("zero", (0.0,), (0.0,), "limit", "refuted"))
+    series.append(Series("proved up to here", (float(bound.proved or 0),), (0.0,), "mark", "proved"))
+    printed = check.bounds.get("positivity_period_max.theorem_1")
+    if printed is not None and printed.proved is not None and float(printed.proved) <= s[-1]:
+        series.append(Series("printed condition", (float(printed.proved),), (0.0,), "mark", "measured"))
+    caption = "The bounds stay in order between two samples as long as these entries are not negative; no other entry can fail first."
+    return Chart("positivity", "Positivity between samples", caption, (Panel("time since the sample (s)", "E(s)", tuple(series)),))
+
+
+def trade_off_chart(design: Design, check: Check | None) -> Chart | None:
+    """Least proved width sum against the largest period; each point is a design of its own."""
+    points = design.details.get("trade_off") or []
+    if len(points) < 2:
+        return None
+    periods, widths = ([float(point[name]) for point in points] for name in ("period", "width_sum"))
+    series = [
+        Series("least width found", periods, widths, "line", "other"),
+        Series("proved designs", periods, widths, "points", "proved"),
+    ]
+    own = check.bounds.get("final_width") if check is not None else None
+    if own is not None and own.proved is not None:
+        series.append(Series("this design", (float(design.sampling.T_max),), (float(own.proved),), "points", "estimate"))
+    caption = "Sum of the final widths against the largest sampling period; each point is an S and L of its own, with its proof."
+    panel = Panel("largest sampling period (s)", "sum of final widths", tuple(series), y_scale="log")
+    return Chart("trade_off", "Period against width", caption, (panel,))
+
+
+def comparison_table(family: Interval, plant: Plant, design: Design) -> Table | None:
+    """Proved final widths for this S and L with each way to tighten the bounds."""
+    found = comparison(family, plant, design)
+    if not found:
+        return None
+    labels = {
+        "none": "bounds of the observer", "intersect": "intersected with y at samples", "hull": "hull predictor",
+    }  # fmt: skip
+    rows = []
+    for name, label in labels.items():
+        if name in found:
+            values = [float(value) for value in found[name].floats.reshape(-1)]
+            rows.append((label, *values, sum(values)))
+    caption = "Largest width that each can settle at, proved, for the same S and L under the declared disturbance and noise."
+    return Table("widths", "Ways to tighten the bounds", caption, ("bounds", *plant.states, "sum"), tuple(rows))
+
+
+def sylvester_table(design: Design) -> Table | None:
+    """Rates of the Sylvester equation and what its printed solution leaves."""
+    found = design.details.get("sylvester")
+    if not found:
+        return None
+    rows: list[tuple[str | float, ...]] = [(f"rate {k + 1}", float(rate)) for k, rate in enumerate(found["rates"])]
+    rows.append(("residual of T A - Lambda T = G C, relative", float(found["residual"])))
+    rows.append(("S L C S^-1 off its diagonal block, relative", float(found["residual_structure"])))
+    caption = "S = [C; T] in printed decimals. The residuals do not matter for the proofs, which read the printed numbers."
+    return Table("sylvester", "Sylvester equation", caption, ("quantity", "value"), tuple(rows))
+
+
+def _notes(check: Check | None) -> tuple[str, ...]:
+    if check is None:
+        return ()
+    notes = []
+    printed, exact = (check.bounds.get(name) for name in ("positivity_period_max.theorem_1", "positivity_period_max"))
+    if printed is not None and exact is not None and printed.proved and exact.proved and exact.proved != "inf":
+        factor = float(exact.proved) / float(printed.proved)
+        notes.append(f"The exact positivity limit is {factor:.3g} times the one of the printed condition.")
+    separation, theorem_2 = check.claim("separation"), check.claim("theorem_2")
+    if separation is not None and theorem_2 is not None and separation.status == "proved" and theorem_2.status != "proved":
+        notes.append("The feedback is proved by separation; the small-gain condition of Theorem 2 does not hold for it, and is not needed.")
+    return tuple(notes)
