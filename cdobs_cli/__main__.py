@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import gc
 import os
 
 # Threads make small matrices slower; set before numpy is loaded, unless the user has decided.
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
+# Start fast: no search for pydantic plugins, and few collections while modules load.
+os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+gc.set_threshold(50_000, 20, 20)
 
 
 def main() -> None:

@@ -120,7 +120,8 @@ class Matrix:
     __rmul__ = __mul__
 
     def __truediv__(self, scalar: Scalar) -> Matrix:
-        return self * (1 / _scalar(scalar))
+        quotient: Matrix = self * (1 / _scalar(scalar))
+        return quotient
 
     def __getitem__(self, index: tuple[Any, Any]) -> Any:
         """An entry for two integers, a submatrix where either index is a slice or a list."""
