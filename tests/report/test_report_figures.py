@@ -10,7 +10,7 @@ import sys
 
 import numpy as np
 import pytest
-from conftest import Copying, make_check, make_design, make_plant, make_run
+from report_pendulum import Copying, make_check, make_design, make_plant, make_run
 
 from cdobs_cli.certificate import Bound
 from cdobs_cli.chart import Chart, Panel, Series

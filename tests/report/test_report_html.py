@@ -6,7 +6,7 @@ import re
 from html.parser import HTMLParser
 
 import pytest
-from conftest import HOSTILE, make_check, make_report
+from report_pendulum import HOSTILE, make_check, make_report
 
 from cdobs_cli.certificate import Bound
 from cdobs_cli.report.files import render

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from conftest import Copying, make_check, make_design, make_plant, make_report, make_run
+from report_pendulum import Copying, make_check, make_design, make_plant, make_report, make_run
 
 from cdobs_cli.chart import Chart
 from cdobs_cli.design import Design
