@@ -5,12 +5,11 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from command import ROOT, Cdobs
 
-ROOT = Path(__file__).parent.parent
 PENDULUM = """\
 spec_version: 1
 title: Pendulum
@@ -30,8 +29,6 @@ simulation:
   initial_state: [1, 0]
   initial_estimate: [0, 0]
 """
-
-Cdobs = Callable[..., "subprocess.CompletedProcess[str]"]
 
 
 @pytest.fixture

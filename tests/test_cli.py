@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import ROOT, Cdobs
+from command import ROOT, Cdobs
 
 HEAVY = ("numpy", "scipy", "cvxpy", "clarabel", "matplotlib", "sympy", "flint", "pydantic", "yaml")
 

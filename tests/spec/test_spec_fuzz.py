@@ -9,9 +9,9 @@ import time
 from pathlib import Path
 
 import pytest
-from conftest import PENDULUM
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from spec_pendulum import PENDULUM
 
 from cdobs_cli.errors import SpecError
 from cdobs_cli.spec.model import Spec, load

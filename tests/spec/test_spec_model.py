@@ -10,7 +10,7 @@ import sys
 from fractions import Fraction
 
 import pytest
-from conftest import PENDULUM, changed
+from spec_pendulum import PENDULUM, changed
 
 from cdobs_cli.errors import SpecError
 from cdobs_cli.exact.expression import Call, Number, Variable, parse

@@ -9,7 +9,7 @@ import json
 import jsonschema
 import pytest
 import yaml
-from conftest import PENDULUM, changed
+from spec_pendulum import PENDULUM, changed
 
 from cdobs_cli.families import FAMILIES
 from cdobs_cli.spec.schema import json_schema
