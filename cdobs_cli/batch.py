@@ -16,7 +16,9 @@ from cdobs_cli.outcome import Message, Result, ResultStatus, exit_code
 
 if TYPE_CHECKING:
     from cdobs_cli.console import Console
+    from cdobs_cli.errors import Problem
     from cdobs_cli.pipeline import Work
+    from cdobs_cli.spec.model import Spec
 
 SPEC_SUFFIXES = (".yaml", ".yml")
 
@@ -39,6 +41,7 @@ class Settings:
     verbose: bool = False
     jobs: int = 1
     time_limit: float | None = None
+    witness: str | None = None
 
 
 def jobs(paths: Iterable[Path], out: Path) -> list[Job]:
@@ -78,6 +81,8 @@ def run(job: Job, stages: tuple[str, ...], settings: Settings) -> Result:
     start = time.perf_counter()
     try:
         result = _run(job, stages, settings)
+    except UsageError as error:
+        result = Result(str(job.spec), "invalid", (Message("error", str(error), rule="command"),))
     except SpecError as error:
         result = Result(str(job.spec), "invalid", tuple(Message.from_problem(problem) for problem in error.problems))
     except ArtefactError as error:
@@ -107,13 +112,24 @@ def _run(job: Job, stages: tuple[str, ...], settings: Settings) -> Result:
     work = pipeline.Work(spec, Store(job.folder), settings.effort, frozenset(stages) if settings.force else frozenset())
     verbs: dict[str, Callable[[pipeline.Work], object]] = {
         "synthesize": pipeline.synthesize, "check": pipeline.check, "simulate": pipeline.simulate, "report": pipeline.report,
+        "replay": partial(pipeline.replay, identifier=settings.witness or ""),
     }  # fmt: skip
-    for stage in stages:
-        verbs[stage](work)
+    try:
+        for stage in stages:
+            verbs[stage](work)
+    except SpecError as error:  # what only a run can see, e.g. a signal that leaves its interval
+        raise SpecError(tuple(_placed(problem, spec) for problem in error.problems)) from error
     documents = pipeline.documents(work)
     messages = find(spec, documents, frozenset(stages))
     status: ResultStatus = "finding" if messages else "ok"
     return Result(str(job.spec), status, tuple(messages), **documents, **_told(work, job, stages, settings))  # type: ignore[arg-type]
+
+
+def _placed(problem: Problem, spec: Spec) -> Problem:
+    if problem.file is not None:
+        return problem
+    file, line, column = spec.location(problem.field)
+    return replace(problem, file=file, line=line, column=column)
 
 
 def _told(work: Work, job: Job, stages: tuple[str, ...], settings: Settings) -> dict[str, object]:

@@ -124,10 +124,11 @@ def check(
 def simulate(
     paths: Paths, out: Out = RESULTS, effort: Effort = 1, force: Force = False, jobs: Jobs = 1, time_limit: TimeLimit = None,
     output: OutputFormat = Format.text, quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
+    witness: Annotated[str | None, typer.Option(metavar="ID", help="Run the counterexample of this claim instead.")] = None,
 ) -> None:  # fmt: skip
     """Run plant and observer together: simulation.npz, simulation.json, figures."""
-    more = {"out": out, "effort": effort, "force": force, "jobs": jobs, "time_limit": time_limit, "verbose": verbose}
-    _carry_out("simulate", ("simulate",), paths, output, quiet, no_color, **more)
+    more = {"out": out, "effort": effort, "force": force, "jobs": jobs, "time_limit": time_limit, "verbose": verbose, "witness": witness}
+    _carry_out("simulate", ("replay",) if witness else ("simulate",), paths, output, quiet, no_color, **more)
 
 
 @app.command()

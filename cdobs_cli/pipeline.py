@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from cdobs_cli import __version__
 from cdobs_cli.certificate import Check, Claim
 from cdobs_cli.design import Design
-from cdobs_cli.errors import ArtefactError
+from cdobs_cli.errors import ArtefactError, UsageError
 from cdobs_cli.plant import Plant
 from cdobs_cli.store import Store, digest
 
@@ -162,6 +162,31 @@ def _write_run(work: Work, design: Design, run: Run) -> None:
     work.store.write_files(figures_of_run(work.plant(design), spec.observer, design, work.store.check(), run, spec.coordinates))
     work.store.write("simulation.json", run.document())
     work.redone.add("simulate")
+
+
+def replay(work: Work, identifier: str) -> dict[str, Any]:
+    """Run the counterexample of a claim; `witness_<claim>_run.json`, its archive and its figure.
+
+    Raises:
+        UsageError: there is no such claim, or it has no counterexample that can be run.
+    """
+    made = check(work)
+    claim = made.claim(identifier)
+    if claim is None or claim.witness is None:
+        told = ", ".join(one.id for one in made.claims if one.witness is not None) or "none"
+        raise UsageError(f"{work.spec.source_path}: no counterexample to {identifier!r}; claims that have one: {told}")
+    from cdobs_cli.report.replays import replay_chart, replay_figures
+    from cdobs_cli.report.witnesses import witness_name
+    from cdobs_cli.simulate.witness import replay as run_witness
+
+    design = synthesize(work)
+    made_run = run_witness(work.spec.observer.inclusion(work.plant(design), design.gain), claim.witness)
+    name = f"{witness_name(claim)}_run"
+    chart = replay_chart(name, identifier, made_run.arrays(), made_run.entries)
+    work.store.write_files({f"{name}.npz": made_run.to_bytes(), **replay_figures(chart)})
+    work.simulation = {"schema_version": 1, "claim": identifier, **made_run.document(), "digests": dict(made.digests)}
+    work.store.write(f"{name}.json", work.simulation)
+    return work.simulation
 
 
 def report(work: Work) -> list[Path]:

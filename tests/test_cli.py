@@ -183,3 +183,18 @@ def test_interrupt_leaves_nothing_half_written(tmp_path: Path, pendulum: str) ->
     for path in (tmp_path / "results").rglob("*.json"):
         json.loads(path.read_text())
     assert not [path for path in (tmp_path / "results").rglob(".*") if path.name != ".report.sha256"]
+
+
+def test_a_counterexample_is_replayed(tmp_path: Path, pendulum: str, cdobs: Cdobs) -> None:
+    (tmp_path / "p.yaml").write_text(pendulum.replace("  method: set\n", "  method: set\n  gain: {K: [[-1], [-1.8361]]}\n"))
+    assert cdobs("check", "p.yaml").returncode == 1
+    assert cdobs("simulate", "p.yaml", "--witness", "convergence").returncode == 0
+    replay = json.loads((tmp_path / "results" / "p" / "witness_convergence_run.json").read_text())
+    check = json.loads((tmp_path / "results" / "p" / "check.json").read_text())
+    witness = next(claim["witness"] for claim in check["claims"] if claim["id"] == "convergence")
+    assert replay["multiplier_measured"] >= float(witness["multiplier"]) - 1e-9 > 1
+    assert replay["error_final"] > 50 * replay["error_first"]
+    assert (tmp_path / "results" / "p" / "figures" / "witness_convergence_run.svg").exists()
+    wrong = cdobs("simulate", "p.yaml", "--witness", "nothing")
+    assert wrong.returncode == 2
+    assert "convergence" in wrong.stderr

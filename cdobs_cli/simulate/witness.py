@@ -9,6 +9,7 @@ Within an arc V is constant, so every point is a matrix exponential away from th
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -56,6 +57,12 @@ class Replay:
             "t_k": self.t_k,
             "entries": np.array(self.entries, dtype=np.int64).reshape(len(self.entries), 2),
         }
+
+    def to_bytes(self) -> bytes:
+        """`witness_<claim>.npz`; the same run gives the same bytes."""
+        stream = io.BytesIO()
+        np.savez_compressed(stream, **self.arrays())  # type: ignore[arg-type]
+        return stream.getvalue()
 
     def document(self) -> dict[str, Any]:
         """The figures of the run."""
