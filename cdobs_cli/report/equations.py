@@ -5,15 +5,19 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import ROUND_DOWN, Context, Decimal
 from fractions import Fraction
 from html import escape
 
 from cdobs_cli.exact.expression import MINUS_ONE, Call, Constant, Expression, Number, Power, Variable
-from cdobs_cli.exact.numbers import ExactMatrix, fraction_text
+from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text, plain_decimal
 
 # A longer formula is named by its size: nobody reads it, and sharing inside a tree can make it exponentially long.
 MAX_OPERATIONS = 400
 MAX_DEPTH = 60
+# Longer numbers inside formulas are cut, with dots: the gain itself is shown in full.
+LONGEST_NUMBER = 12
+SHOWN_DIGITS = 7
 
 _LOWER = (
     "alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "iota", "kappa", "lambda", "mu", "nu", "xi", "omicron", "pi",
@@ -22,6 +26,7 @@ _LOWER = (
 _UPPER = ("Gamma", "Delta", "Theta", "Lambda", "Xi", "Pi", "Sigma", "Upsilon", "Phi", "Psi", "Omega")
 GREEK = dict(zip((*_LOWER, *_UPPER), "αβγδεζηθικλμνξοπρστυφχψωΓΔΘΛΞΠΣΥΦΨΩ", strict=True))
 _LATEX_SYMBOLS = {"·": r"\cdot", "−": "-", "∈": r"\in", "≤": r"\le", "≥": r"\ge", "…": r"\dots", "→": r"\to"}
+_ACCENTS = {"hat": "hat", "lower": "underline", "upper": "overline"}
 _NAMED_FUNCTIONS = frozenset({"sin", "cos", "tan", "tanh", "sinh", "cosh", "exp", "log", "min", "max"})
 
 
@@ -130,23 +135,33 @@ class Equation:
 
 
 def name_formula(name: str) -> Formula:
-    """A user's name: `theta` is θ, `x1` and `x_1` are x with index 1, `hat.x` wears a hat, `d.0` is d with index 1."""
+    """A user's name: `theta` is θ, `x1` and `x_1` are x with index 1, `hat.x` and `x_hat` wear a hat, `z_lower.0` is
+    z underlined with index 1."""
     head, dot, rest = name.partition(".")
+    if dot and rest.isdigit():
+        return _indexed(name_formula(head), str(int(rest) + 1))
     if dot:
-        if rest.isdigit():
-            return Script(name_formula(head), Digits(str(int(rest) + 1)))
-        kind = {"hat": "hat", "lower": "underline", "upper": "overline"}.get(head)
-        if kind is None:
-            return Script(name_formula(rest), Symbol(head))
-        inner = name_formula(rest)
-        if isinstance(inner, Script):
-            return Script(Accent(inner.base, kind), inner.below)
-        return Accent(inner, kind)
+        return _accented(rest, head) if head in _ACCENTS else _indexed(name_formula(rest), head)
+    stem, _, last = name.rpartition("_")
+    if stem and last in _ACCENTS:
+        return _accented(stem, last)
     match = re.fullmatch(r"([A-Za-z]+?)_?(\d+)", name) or re.fullmatch(r"([A-Za-z]+?)_(\w+)", name)
-    if match:
-        index = match[2]
-        return Script(Symbol(match[1]), Digits(index) if index.isdigit() else Symbol(index))
-    return Symbol(name)
+    return _indexed(Symbol(match[1]), match[2]) if match else Symbol(name)
+
+
+def _indexed(base: Formula, index: str) -> Formula:
+    """base with an index, behind the one it may have."""
+    below: Formula = Digits(index) if index.isdigit() else Symbol(index)
+    if isinstance(base, Script) and base.below is not None:
+        return Script(base.base, Row((base.below, Operator(","), below)), base.above)
+    return Script(base, below)
+
+
+def _accented(name: str, accent: str) -> Formula:
+    inner = name_formula(name)
+    if isinstance(inner, Script):
+        return Script(Accent(inner.base, _ACCENTS[accent]), inner.below, inner.above)
+    return Accent(inner, _ACCENTS[accent])
 
 
 def formula(expression: Expression) -> Formula:
@@ -162,8 +177,13 @@ def formula(expression: Expression) -> Formula:
 
 
 def matrix(value: ExactMatrix) -> Formula:
-    """A matrix of exact numbers in brackets."""
-    return Fenced("[", Array(tuple(tuple(formula(entry.expression) for entry in row) for row in value.rows)), "]")
+    """A matrix of exact numbers in brackets, every digit shown."""
+    return Fenced("[", Array(tuple(tuple(exact(number) for number in row) for row in value.rows)), "]")
+
+
+def exact(number: Exact) -> Formula:
+    """A number, every digit shown."""
+    return formula(number.expression) if number.rational is None else Digits(str(number))
 
 
 def _terms(node: Expression) -> list[tuple[bool, Expression]]:
@@ -236,6 +256,9 @@ def _product(node: Expression) -> Formula:
 def _atom(node: Expression) -> Formula:
     if isinstance(node, Number):
         text = fraction_text(node.value)
+        if len(text) > LONGEST_NUMBER:
+            context = Context(prec=SHOWN_DIGITS, rounding=ROUND_DOWN)
+            return Digits(f"{plain_decimal(context.divide(Decimal(node.value.numerator), Decimal(node.value.denominator)))}…")
         if "/" in text:
             return Ratio(Digits(str(node.value.numerator)), Digits(str(node.value.denominator)))
         return Digits(text)
@@ -307,7 +330,7 @@ def latex(piece: Formula) -> str:
         case Symbol(name):
             return _latex_name(name)
         case Digits(text):
-            return text.replace("e", r"\mathrm{e}") if re.fullmatch(r"-?[\d.]+e-?\d+", text) else text
+            return re.sub(r"e(-?\d+)", r"\\mathrm{e}\1", text).replace("…", r"\dots")
         case Operator(text):
             return _LATEX_SYMBOLS.get(text, text)
         case Words(text):

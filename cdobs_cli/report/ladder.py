@@ -55,6 +55,10 @@ def _labels(bounds: Mapping[str, Bound]) -> dict[str, str]:
         "period_max": "this gain", "period_max_any_gain": "any gain", "guaranteed_period": "guaranteed",
         "tau_max": "printed theorem", "positivity_period_max": "positivity",
     }  # fmt: skip
+    # Further periods that a family bounds: lmi_15_period_max is the rung "lmi 15".
+    single |= {
+        name: name.removesuffix("_period_max").replace("_", " ") for name in bounds if name.endswith("_period_max") and name not in single
+    }
     labels = {}
     for name, label in single.items():
         if name in bounds:

@@ -129,7 +129,10 @@ def _plain(value: Decimal) -> str:
 def bound_title(name: str) -> str:
     """`period_max.clock` is "Largest sampling period, this gain: clock"."""
     head, _, method = name.partition(".")
-    title = BOUND_TITLES.get(head, head.replace("_", " "))
+    words = head.replace("_", " ")
+    if head.endswith("_period_max"):
+        words = f"Largest sampling period, {head.removesuffix('_period_max').replace('_', ' ')}"
+    title = BOUND_TITLES.get(head, words[:1].upper() + words[1:])
     return f"{title}: {method.replace('_', ' ')}" if method else title
 
 

@@ -133,10 +133,15 @@ def _theorem(report: Report) -> Section:
     proof = report.proof
     if proof is not None:
         method = f" by the method {proof.method}" if proof.method else ""
-        blocks.append(Paragraph(f"Convergence rests on {proof.id}{method}: {_sentence(proof.statement)} Source: {proof.source}."))
+        blocks.append(Paragraph(f"{_verb(report)} {proof.id}{method}: {_sentence(proof.statement)} Source: {proof.source}."))
     elif report.convergence is not None and report.convergence.by:
-        blocks.append(Paragraph(f"Convergence rests on {report.convergence.by}. Source: {report.convergence.source}."))
+        blocks.append(Paragraph(f"{_verb(report)} {report.convergence.by}. Source: {report.convergence.source}."))
     return Section("Theorem", tuple(blocks))
+
+
+def _verb(report: Report) -> str:
+    refuted = report.convergence is not None and report.convergence.status == "refuted"
+    return "Convergence is refuted by" if refuted else "Convergence rests on"
 
 
 def _sentence(text: str) -> str:
@@ -189,13 +194,16 @@ def _bounds(report: Report) -> Section:
 
 def _witnesses(report: Report) -> Section:
     blocks: list[Block] = []
-    told: dict[str, str] = {}  # the same numbers often defeat several claims
+    told: dict[str, str] = {}  # one counterexample often defeats several claims
     for claim in report.check.claims if report.check else ():
         if claim.witness is not None:
+            first = told.setdefault(repr(claim.witness), claim.id)
+            if first != claim.id:
+                blocks.append(Paragraph(f"{claim.id}: the same counterexample as {first}."))
+                continue
             blocks += [Paragraph(f"{claim.id}: {witness_text(claim.witness)}"), *_arcs(claim.witness)]
-            first = told.setdefault(repr(claim.witness.data), claim.id)
             if claim.witness.data:
-                blocks.append(_data(claim.witness) if first == claim.id else Paragraph(f"The numbers are those of {first}."))
+                blocks.append(_data(claim.witness))
             blocks += [Picture(chart) for chart in report.charts if chart.name == witness_name(claim)]
             if claim.witness.kind in ("constant", "switching"):
                 blocks.append(Listing((f"cdobs simulate {report.spec_path} --witness {claim.id}",)))
@@ -208,6 +216,8 @@ def witness_text(witness: Witness) -> str:
         "constant": "constant slopes defeat the claim", "switching": "slopes that switch defeat the claim",
         "vector": "a vector defeats the claim", "point": "a point of the domain defeats the claim",
     }[witness.kind]  # fmt: skip
+    if witness.kind == "constant" and not any(witness.values):
+        kind = "sampling at this period defeats the claim"
     if witness.kind == "vector" and not witness.values:
         return "these numbers defeat the claim."
     growth = f" The error grows by {witness.multiplier} in size from period to period." if witness.multiplier else ""

@@ -21,6 +21,7 @@ from cdobs_cli.report.equations import (
     Script,
     Symbol,
     applied,
+    exact,
     formula,
     matrix,
     name_formula,
@@ -116,6 +117,5 @@ def held_equations(observer: Observer) -> tuple[Equation, ...]:
 def gain_equations(gain: Mapping[str, ExactMatrix]) -> tuple[Equation, ...]:
     """Each gain by its letter; a 1 x 1 matrix as a number."""
     return tuple(
-        Equation(name_formula(name), formula(value[0, 0].expression) if value.shape == (1, 1) else matrix(value))
-        for name, value in gain.items()
+        Equation(name_formula(name), exact(value[0, 0]) if value.shape == (1, 1) else matrix(value)) for name, value in gain.items()
     )

@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Protocol
 
-from cdobs_cli.chart import Chart, Panel, Series
+from cdobs_cli.chart import Chart, Panel, Series, SeriesKind
 from cdobs_cli.plant import Plant
 from cdobs_cli.report.equations import GREEK
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 MAX_PANELS = 8
 MAX_RUNS = 20
+MAX_STEMS = 150
 
 
 def axis_name(name: str) -> str:
@@ -146,6 +147,7 @@ def intervals_chart(trajectory: Trajectory) -> Chart | None:
     periods = np.diff(trajectory.t_k)
     if len(periods) < 2 or float(np.ptp(periods)) <= 1e-9 * float(np.max(np.abs(periods))):
         return None
-    series = Series("sampling interval", trajectory.t_k[:-1], periods, "stems", "measured")
+    kind: SeriesKind = "stems" if len(periods) <= MAX_STEMS else "line"
+    series = Series("sampling interval", trajectory.t_k[:-1], periods, kind, "measured")
     panel = Panel("time (s)", r"$t_{k+1} - t_k$ (s)", (series,))
     return Chart("sampling", "Sampling intervals", "The time from each sample to the next.", (panel,))

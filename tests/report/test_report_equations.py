@@ -5,7 +5,8 @@ from xml.etree import ElementTree
 import pytest
 
 from cdobs_cli.exact.expression import Variable, parse
-from cdobs_cli.report.equations import Equation, formula, latex, latex_block, mathml, mathml_block, name_formula
+from cdobs_cli.exact.numbers import ExactMatrix
+from cdobs_cli.report.equations import Equation, formula, latex, latex_block, mathml, mathml_block, matrix, name_formula
 from cdobs_cli.report.systems import dotted
 
 NAMES = frozenset({"theta", "omega", "x1", "x_2", "S", "X", "glucose", "u"})
@@ -41,7 +42,14 @@ def test_names() -> None:
     assert latex(name_formula("hat.x1")) == r"\hat{x}_{1}"
     assert latex(name_formula("d.0")) == "d_{1}"
     assert latex(name_formula("lower.S")) == r"\underline{S}"
+    assert latex(name_formula("z_lower.0")) == r"\underline{z}_{1}"
+    assert latex(name_formula("x_1.2")) == r"x_{1 , 3}"
     assert "θ" in mathml(name_formula("theta"))
+
+
+def test_long_numbers_are_cut_in_formulas_and_whole_in_gains() -> None:
+    assert latex(formula(parse("1.41421356237309504*u", NAMES))) == r"1.414213\dots u"
+    assert latex(matrix(ExactMatrix([["1.41421356237309504"]]))) == r"\left[ \begin{matrix} 1.41421356237309504 \end{matrix} \right]"
 
 
 @pytest.mark.parametrize("typed", ["sin(theta)**2/(1 + x1)", "sat(u, -2, 2)", "min(x1, sqrt(S))", "tan(u) - 1e-30*S", "glucose**(2/3)"])

@@ -95,11 +95,12 @@ def test_ladder() -> None:
         "period_max.fast": Bound("1.7", "1.8"),
         "period_max_any_gain": Bound(None, "inf"),
         "delta_star": Bound("1.5", "1.6"),
+        "lmi_15_period_max": Bound("0.39", None),
     }
     ladder = period_ladder(bounds)
     assert ladder is not None
-    assert [rung.label for rung in ladder.rungs] == ["this gain", "slow", "fast"]
-    assert ladder_csv(ladder) == b"method,proved,refuted\nthis gain,1.7,1.8\nslow,0.02,\nfast,1.7,1.8\n"
+    assert [rung.label for rung in ladder.rungs] == ["this gain", "slow", "fast", "lmi 15"]
+    assert ladder_csv(ladder) == b"method,proved,refuted\nthis gain,1.7,1.8\nslow,0.02,\nfast,1.7,1.8\nlmi 15,0.39,\n"
     assert draw(ladder).svg
     assert period_ladder({"delta_star": Bound("1.5", "1.6")}) is None
 
