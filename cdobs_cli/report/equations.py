@@ -382,7 +382,7 @@ def mathml(piece: Formula) -> str:
         case Symbol(name):
             return f"<mi>{escape(GREEK.get(name, name))}</mi>"
         case Digits(text):
-            return f"<mn>{escape(text)}</mn>"
+            return f"<mn>{escape(text.replace('-', '−'))}</mn>"
         case Operator(text):
             return f"<mo>{escape(text)}</mo>"
         case Words(text):

@@ -34,7 +34,8 @@ def bracket_sentence(report: Report) -> str:
     if report.headline_bound is None:
         return ""
     name, bound = report.headline_bound
-    about = f" (about {about_text(bound)})" if bound.about else ""
+    told = bound.about is None or bound.about in bound_title(name)
+    about = "" if told else f" (about {about_text(bound)})"
     return f"{bound_title(name)}: {_ends(bound)}{about}."
 
 
