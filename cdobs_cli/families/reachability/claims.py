@@ -18,9 +18,11 @@ from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text, upper_text
 from cdobs_cli.families.reachability.continuous import REFERENCE, proves_reference
+from cdobs_cli.families.reachability.escape import escapes
 from cdobs_cli.families.reachability.observer import inclusion
 from cdobs_cli.families.reachability.proof import METHOD, Constants, SetProof, constants, prove
-from cdobs_cli.families.reachability.sets import construction, set_limit
+from cdobs_cli.families.reachability.sets import box_holds, construction, inclusion_12, matrix_set, reachable_box, set_limit
+from cdobs_cli.families.reachability.structure import is_chain
 from cdobs_cli.hybrid import HybridInclusion
 from cdobs_cli.plant import Plant, SamplingLaw
 
@@ -64,11 +66,10 @@ def certify(family: Reachability, plant: Plant, design: Design, effort: int) -> 
     """
     bounds: dict[str, Bound] = {}
     limit = set_limit(plant)
-    if plant.slopes.uncertain and family.method != CLOCK and (limit.is_finite() or limit.lower() > 0):
-        upper = upper_text(limit, 17)
-        bounds["delta_star"] = Bound(
-            lower_text(limit, 17), upper if limit.is_finite() else None, "s", "Dinh2014, Theorem III.2", "how long the box (31) holds"
-        )
+    if is_chain(plant) and plant.slopes.uncertain and family.method != CLOCK:
+        low = lower_text(limit, 17) if limit.is_finite() else "inf" if limit > 0 else None
+        high = upper_text(limit, 17) if limit.is_finite() else None
+        bounds["delta_star"] = Bound(low, high, "s", "Dinh2014, Theorem III.2", "how long the box (31) holds")
     K = design.gain.get("K")
     if design.outcome == "none" or K is None or K.shape != (plant.n, plant.p):
         reason = design.reason or "the stored gain does not fit the plant"
@@ -82,7 +83,7 @@ def certify(family: Reachability, plant: Plant, design: Design, effort: int) -> 
     claims += _ladder_claims([item for item in judged if item not in here])
     claims += [_reference_claim(plant, certificate) for certificate in design.certificates if certificate.method == REFERENCE]
     if plant.sampling.kind == "periodic" and not any(item.set_proof for item in here) and family.method != CLOCK:
-        claims.append(_no_set_claim(law))
+        claims += [*_typed_inclusion(family, plant, law.T_max), _no_set_claim(law)]
     proofs = [item for item in here if item.proved]
     witness = None if proofs else refute(_closed(plant, K, law), effort)
     claims.insert(0, _conclusion(law, proofs, witness))
@@ -118,7 +119,7 @@ def _conclusion(law: SamplingLaw, proofs: list[Judged], witness: Any) -> Claim:
     if proofs:
         best = max(proofs, key=lambda item: float(item.rate.lower()))
         by = "set.contraction" if best.method == METHOD else "clock"
-        return _convergence("proved", statement, margin=lower_text(best.rate, 6), method=best.method, by=by)
+        return _convergence("proved", statement, margin=lower_text(best.rate, 6) if best.rate > 0 else None, method=best.method, by=by)
     if witness is not None:
         return _convergence("refuted", statement, method=f"{witness.kind} slopes", witness=witness)
     return _convergence("undecided", statement)
@@ -140,12 +141,7 @@ def _set_claims(family: Reachability, plant: Plant, K: ExactMatrix, item: Judged
                   "holds every reachable error.", "Dinh2014, Theorem III.2", margin=lower_text(limit - delta, 6) if proof.in_time else None,
                   method="interval evaluation of the first zero")
         )  # fmt: skip
-    claims.append(
-        Claim("set.inclusion", "premise", _status(proof.inclusion and proof.in_time),
-              "Every reachable error lies in Conv{M e, M in the set}: "
-              + ("the box of the plant's structure is in the typed set." if family.set != "clarke" else f"{construction(plant)}."),
-              "Dinh2014, Theorem II.2, (12)")
-    )  # fmt: skip
+    claims.append(_inclusion_claim(family, plant, proof.delta, proof.inclusion and proof.in_time))
     letter, where = ("Q", "reduced to C e = 0, as C K = I") if proof.form == "reduced" else ("P", "with K fixed")
     claims.append(Claim("set.positive", "premise", _status(proof.positive), f"{letter} is positive definite.", "Dinh2014, Theorem II.2"))
     gap = None if proof.rho_squared is None else lower_text(fraction_ball(1 - proof.rho_squared), 6)
@@ -168,6 +164,29 @@ def _constants_claim(paper: Constants) -> Claim:
         f"rate eta <= {eta} between samples.",
         "Dinh2014, proof of Theorem II.2, (14)", margin=kappa, method="pivots of LDL' in balls",
     )  # fmt: skip
+
+
+def _inclusion_claim(family: Reachability, plant: Plant, delta: Exact, proved: bool) -> Claim:
+    """Proved, refuted by a slope history that leaves a typed set, or open."""
+    why = f"{construction(plant)}."
+    witness = None
+    if family.set != "clarke":
+        why = "the set is the typed one."
+        boxes = None if proved else matrix_set(family, plant, delta)
+        witness = None if boxes is None else escapes(plant, delta, boxes)
+    status: Any = "refuted" if witness is not None else _status(proved)
+    statement = f"At delta = {delta} every reachable error lies in Conv{{M e, M in the set}}: {why}"
+    kind: Any = "premise" if family.set == "clarke" else "printed"
+    return Claim("set.inclusion", kind, status, statement, "Dinh2014, Theorem II.2, (12)", witness=witness)
+
+
+def _typed_inclusion(family: Reachability, plant: Plant, delta: Exact) -> list[Claim]:
+    """The inclusion of a typed set for which no certificate is stored."""
+    if family.set == "clarke":
+        return []
+    box, boxes = reachable_box(plant, delta.ball()), matrix_set(family, plant, delta)
+    proved = box is not None and boxes is not None and inclusion_12(box, boxes) and box_holds(plant, delta.ball())
+    return [_inclusion_claim(family, plant, delta, proved)]
 
 
 def _no_set_claim(law: SamplingLaw) -> Claim:
@@ -232,6 +251,7 @@ def _bounds(family: Reachability, plant: Plant, K: ExactMatrix, judged: list[Jud
     if any_gain is not None:
         bounds["period_max_any_gain"] = Bound(_T(any_gain), None, "s", any_gain.method, "some gain")
     here = [item for item in own if item.certificate.sampling == law]
+    here = [item for item in here if item.rate > 0]
     if here:
         fastest = max(here, key=lambda item: float(item.rate.lower()))
         bounds["decay_rate"] = Bound(lower_text(fastest.rate, 9), None, "1/s", fastest.method, "this gain at its period")

@@ -42,6 +42,11 @@ class Kernel:
                 rows[i][k] = Exact(_decimal(K[i, column], K, digits))
         return ExactMatrix(rows)
 
+    def nearest(self, K: ExactMatrix) -> ExactMatrix:
+        """The gain with C_r K = I exactly whose rows off the pivots are those of K."""
+        Z = [[K[i, k] for k in self.rows] for i in self.others]
+        return self.gain(ExactMatrix(Z) if Z and self.rows else None, 15)
+
     def is_kept(self, K: ExactMatrix) -> bool:
         """Whether C e = 0 exactly after each jump: C_r (I - K C) = 0."""
         residual = self.C_r - self.C_r @ K.balls() @ self.C

@@ -232,7 +232,7 @@ def error_maps(data: Members, kernel: Kernel, K: ExactMatrix) -> Array:
 
 def largest(margin: Callable[[Exact], float], low: Exact, high: float) -> Fraction | None:
     """Where the margin crosses zero above `low`: false position between a period that holds and
-    one that does not, to eight digits. Returns the largest period tried with a positive margin."""
+    one that does not, then halving, to seven digits. Returns the largest period tried with a positive margin."""
     start = float(low)
     a, f_a = start, margin(low)
     if not f_a > 0:
@@ -247,10 +247,10 @@ def largest(margin: Callable[[Exact], float], low: Exact, high: float) -> Fracti
     if not np.isfinite(f_b):
         f_b = -1.0
     side = 0
-    for _ in range(60):
-        if b - a <= 3e-9 * b:
+    for count in range(40):
+        if b - a <= 1e-7 * b:
             break
-        share = min(max(f_a / (f_a - f_b), 0.02), 0.98) if f_b < 0 else 0.5
+        share = min(max(f_a / (f_a - f_b), 0.02), 0.98) if f_b < 0 and count < 12 else 0.5
         middle = a + share * (b - a)
         value = margin(Exact(Fraction(middle)))
         value = value if np.isfinite(value) else -1.0

@@ -21,6 +21,7 @@ from cdobs_cli.families.reachability.observer import inclusion
 from cdobs_cli.families.reachability.proof import METHOD
 from cdobs_cli.families.reachability.set_design import Found, SetSearch
 from cdobs_cli.families.reachability.sets import box_holds
+from cdobs_cli.families.reachability.structure import is_chain
 from cdobs_cli.plant import Plant, SamplingLaw
 
 if TYPE_CHECKING:
@@ -113,8 +114,14 @@ class _Synthesis:
     def _from_clock(self, found: tuple[object, Certificate] | None, merit: float) -> Candidate | None:
         if found is None:
             return None
-        K = ExactMatrix.from_floats(found[0], clock.GAIN_DIGITS)  # type: ignore[arg-type]
-        certificate = found[1]
+        K, certificate = ExactMatrix.from_floats(found[0], clock.GAIN_DIGITS), found[1]  # type: ignore[arg-type]
+        # C K = I loses nothing, and only a gain that keeps it exactly can use the reduced (13).
+        nearest = self.search.kernel.nearest(K)
+        if clock.prove(self._closed(nearest, certificate.sampling), certificate).proved:
+            return Candidate(nearest, certificate, merit)
+        again = clock.analyse(self._closed(nearest, certificate.sampling), self.effort, clock.rate(certificate))
+        if again is not None:
+            return Candidate(nearest, again, merit)
         return Candidate(K, certificate, merit) if clock.prove(self._closed(K, certificate.sampling), certificate).proved else None
 
     def _fastest_clock(self, T: Exact) -> Candidate | None:
@@ -157,7 +164,8 @@ class _Synthesis:
 
     def _any_gain(self) -> tuple[Certificate, ...]:
         """The largest period of the set over all gains, where that is quick."""
-        if not self.by_set or self.plant.n > SMALL or (self.family.objective == "max_period" and self.family.gain is None):
+        quick = self.plant.n <= SMALL and (is_chain(self.plant) or not self.plant.slopes.uncertain)
+        if not self.by_set or not quick or (self.family.objective == "max_period" and self.family.gain is None):
             return ()
         found = self.search.largest_any(self.law.T_max)
         return (_of_another_gain(Candidate(found.K, found.certificate, 0.0)),) if found else ()
