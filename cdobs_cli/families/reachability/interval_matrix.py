@@ -94,7 +94,8 @@ class IntervalMatrix:
         center, radius = self.floats
         eps = np.array([pair[0] for pair in signs], dtype=float)
         sigma = np.array([pair[1] for pair in signs], dtype=float)
-        members: NDArray[np.float64] = center + eps[:, :, None] * radius * sigma[:, None, :]
+        with np.errstate(over="ignore", invalid="ignore"):
+            members: NDArray[np.float64] = center + eps[:, :, None] * radius * sigma[:, None, :]
         return members
 
 
