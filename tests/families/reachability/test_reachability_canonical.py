@@ -7,8 +7,8 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from reachability_brute import histories
 from flint import arb
+from reachability_brute import histories
 from reachability_plants import chain, symmetric_chain
 
 from cdobs_cli.families.reachability.canonical import LastRow, box_31, delta_star, holds_until, last_row
