@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 
 LARGEST = float(np.finfo(float).max)  # stands for infinity, which JSON does not have
+ENCLOSURE_ROUNDING = 1e-9  # of the largest value met: a state outside its bounds by less is on them
 
 
 def summarise(loop: ClosedLoop, watch: Watch, record: Record, final_t: Array, final_y: Array, final_held: Array) -> Run:
@@ -34,10 +35,19 @@ def summarise(loop: ClosedLoop, watch: Watch, record: Record, final_t: Array, fi
             t, seen.x.T, {name: rows.T for name, rows in seen.estimates.items()}, dict(seen.internals), t_k, y_k, inputs, watch.stopped[run]
         )  # fmt: skip
         trajectories.append(trajectory)
-        margin = float(np.clip(min(watch.margin[run], seen.margin.min()), -LARGEST, LARGEST)) if seen.encloses else None
+        margin = _margin(min(watch.margin[run], seen.margin.min()), seen) if seen.encloses else None
         left_domain = bool(watch.left_domain[run]) or bool(outside_domain(loop.plant, seen).any())
         summaries.append(_summary(loop.plant.states, trajectory, seen, margin, diverged=bool(watch.diverged[run]), left_domain=left_domain))
     return Run(tuple(trajectories), tuple(summaries), overall(summaries))
+
+
+def _margin(smallest: float, seen: View) -> float:
+    """The smallest distance of a state from its bounds, negative outside; 0 where that is rounding."""
+    values = (seen.x, seen.estimates["x_lower"], seen.estimates["x_upper"])
+    size = max(float(np.abs(rows[np.isfinite(rows)]).max(initial=0.0)) for rows in values)
+    if -ENCLOSURE_ROUNDING * size <= smallest < 0:
+        return 0.0
+    return float(np.clip(smallest, -LARGEST, LARGEST))
 
 
 def _summary(

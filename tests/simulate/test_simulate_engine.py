@@ -317,3 +317,15 @@ def test_an_observer_whose_start_is_undefined_ends_at_once():
         run = simulate(HybridSystem(model, observer), plan("2", [1], [-1], runs=runs), model.sampling)
         assert "start is undefined" in run.summaries[0].stopped
         assert run.trajectories[0].t[-1] == 0
+
+
+def test_a_state_on_its_bounds_is_inside():
+    """x = x_lower = x_upper in exact arithmetic, written differently: what is left is rounding."""
+    model = plant(("x",), [["-1"]], law=periodic("0.1"))
+    names = ["low", "up", "y.0"]
+    observer = Observer(
+        ("low", "up"), (Variable("lower.x"), Variable("upper.x")), (read("-low/3 - 2*low/3", names), read("-0.1*up - 0.9*up", names)),
+        (Variable("low"), Variable("up")), {"x_lower": (Variable("low"),), "x_upper": (Variable("up"),)},
+    )  # fmt: skip
+    run = simulate(HybridSystem(model, observer), plan("9", ["0.7"], initial_box=box(["0.7"], ["0.7"])), model.sampling)
+    assert run.overall.inclusion_margin == 0.0
