@@ -55,6 +55,7 @@ class Analysis:
     effort: int
     claims: list[Claim] = field(default_factory=list)
     bounds: dict[str, Bound] = field(default_factory=dict)
+    reasons: dict[str, str] = field(default_factory=dict)
 
     @property
     def law(self) -> SamplingLaw:
@@ -83,6 +84,12 @@ class Analysis:
         return assumption_3(self.z.Q1)
 
     @property
+    def departs(self) -> bool:
+        """Whether given S and L are not those of the observer (12): then nothing is claimed in its name. (The
+        proofs themselves couple whatever signs Q1 has, and serve found gains as they are.)"""
+        return bool(self.structure) and self.design.outcome == "given"
+
+    @property
     def has_feedback(self) -> bool:
         return "K_lower" in self.design.gain
 
@@ -102,8 +109,12 @@ class Analysis:
 
     def say(
         self, identifier: str, kind: Any, status: Status, statement: str, source: str = SOURCE, *,
-        margin: str | None = None, method: str | None = None, witness: Witness | None = None,
+        margin: str | None = None, method: str | None = None, witness: Witness | None = None, reason: str | None = None,
     ) -> Status:  # fmt: skip
+        """Note a claim; `reason` says in a clause why it is refuted."""
+        if reason is not None:
+            self.reasons[identifier] = reason
+            statement = f"{statement}; {reason}"
         self.claims.append(Claim(identifier, kind, status, statement, source, margin=margin, method=method, witness=witness))
         return status
 
@@ -135,13 +146,16 @@ def _convergence(design: Design, status: Status, statement: str, by: str | None 
 
 def _consequence(a: Analysis, parts: dict[str, Status]) -> Claim:
     """Enclosure and boundedness from their parts."""
-    what = f"x_lower <= x <= x_upper at all times, and the bounds stay bounded, for every sampling with {_periods(a.law)}"
+    inside = "x stays between its bounds" if a.family.tighten == "hull" else "z = S x, and with it x, stays between its bounds"
+    what = f"{inside} from every box at the start, and the bounds stay bounded, for every sampling with {_periods(a.law)}"
     what += ", with the feedback in the loop" if a.has_feedback else " and every bounded x (Assumption 1)"
     refuted = [name for name, status in parts.items() if status == "refuted"]
     if refuted:
         claim = next(claim for claim in a.claims if claim.id == refuted[0])
-        return _convergence(a.design, "refuted", f"{what}: refuted, {claim.statement}", refuted[0], claim.witness)
-    if a.structure and a.family.tighten != "hull":
+        return _convergence(
+            a.design, "refuted", f"{what}: refuted, {a.reasons.get(refuted[0], claim.statement)}", refuted[0], claim.witness
+        )
+    if a.departs and a.family.tighten != "hull":
         reason = "; ".join(a.structure[:3])
         return _convergence(a.design, "undecided", f"{what}: Assumption 3 fails for these S and L, {reason}")
     if all(status == "proved" for status in parts.values()):
@@ -175,8 +189,8 @@ def _positivity(a: Analysis) -> Status:
     if limit.fails_before(a.T):
         assert limit.column is not None
         entry = limit.column % a.plant.n + 1
-        text += f"; entry ({entry}, {entry}) is negative just after a time {refuted} without a sample"
-        return a.say("positivity", "certificate", "refuted", text, source, method=method, witness=limit.witness)
+        reason = f"entry ({entry}, {entry}) of E is negative a time {refuted} after a sample"
+        return a.say("positivity", "certificate", "refuted", text, source, method=method, witness=limit.witness, reason=reason)
     return a.say("positivity", "certificate", "undecided", text, source, method=method)
 
 
@@ -209,9 +223,8 @@ def _boundedness(a: Analysis) -> Status:
     else:
         witness = refute_hurwitz(a.Mtot)
         status = "refuted" if witness is not None else "undecided"
-        if witness is not None:
-            text += f"; widths along (%s) grow at rate {witness.data['rate']}" % ", ".join(witness.data["width"])
-        a.say("boundedness", "certificate", status, text, method="w >= 0 with Mtot w >= rate w", witness=witness)
+        reason = None if witness is None else f"widths of z along ({', '.join(witness.data['width'])}) grow at rate {witness.data['rate']}"
+        a.say("boundedness", "certificate", status, text, method="w >= 0 with Mtot w >= rate w", witness=witness, reason=reason)
     _lmi_15(a, status)
     return status
 
@@ -255,9 +268,8 @@ def _hull(a: Analysis) -> Status:
         text += "; it is never wider than the bounds without it, which are bounded"
         return a.say("contraction", "certificate", "proved", text, method="comparison with positivity and boundedness")
     witness = refute_hull(*exact, a.law)
-    if witness is not None:
-        text += f"; at T_k = {witness.times[0]} the radius grows by {witness.multiplier} a sample"
-    return a.say("contraction", "certificate", "undecided" if witness is None else "refuted", text, witness=witness)
+    reason = None if witness is None else f"with T_k = {witness.times[0]} throughout the radius grows by {witness.multiplier} a sample"
+    return a.say("contraction", "certificate", "undecided" if witness is None else "refuted", text, witness=witness, reason=reason)
 
 
 def _matrices(a: Analysis) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix]:
@@ -289,8 +301,11 @@ def _separation(a: Analysis) -> Status:
     witness = refute_held_loop(a.plant, a.design.gain, a.law, a.effort)
     if witness is None:
         return a.say("separation", "certificate", "undecided", text, source)
-    text += f"; with T_k = {witness.times[0]} throughout its multiplier is {_multiplier(witness)}: x diverges while the bounds enclose it"
-    return a.say("separation", "certificate", "refuted", text, source, method="eigenvalue of the sampled loop", witness=witness)
+    reason = (
+        f"with T_k = {witness.times[0]} throughout the held loop has the multiplier {_multiplier(witness)}: x diverges within its bounds"
+    )
+    method = "eigenvalue of the sampled loop"
+    return a.say("separation", "certificate", "refuted", text, source, method=method, witness=witness, reason=reason)
 
 
 def _at_most(one: Exact, other: Exact) -> bool:
@@ -365,7 +380,7 @@ def _period_max(a: Analysis, parts: dict[str, Status]) -> None:
             lowest = [lower_text(a.T)]
         highest: list[str | None] = []
     else:
-        if parts["boundedness"] != "proved" or a.structure:
+        if parts["boundedness"] != "proved" or a.departs:
             a.bounds["period_max"] = Bound(method="positivity and boundedness")
             return
         positivity = a.bounds["positivity_period_max"]
@@ -436,7 +451,7 @@ def comparison(family: Interval, plant: Plant, design: Design) -> dict[str, Matr
     disturbance, noise = declared_widths(plant)
     a = Analysis(family, plant, design, 0)
     found: dict[str, Matrix] = {}
-    if (_positivity(a), _boundedness(a)) == ("proved", "proved") and not a.structure:
+    if (_positivity(a), _boundedness(a)) == ("proved", "proved") and not a.departs:
         found["none"] = final_width(a.z, a.Mtot, disturbance, noise)
         found["intersect"] = intersect_width(a, disturbance, noise)
     stored = a.matrix("hull", "w")

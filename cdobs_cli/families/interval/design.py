@@ -23,7 +23,8 @@ from cdobs_cli.plant import Box, Plant
 
 Array = NDArray[np.float64]
 
-S_DIGITS, L_DIGITS = 7, 9
+S_DIGITS, L_DIGITS = 7, (9, 12, 15)  # of L the fewest that keep the structure of Assumption 3
+_STRUCTURE = 1e-7
 _PHASES = 32
 _LARGEST_CONDITION = 1e7
 # Under `max_period`: the share of the largest injection that must still make Mtot Hurwitz, and the share used.
@@ -96,15 +97,17 @@ class Search:
         p = len(self.C)
         M = error_flow(shape.S @ self.A @ shape.R)
         size = len(M)
-        # exp([M T, I; 0, 0] r) holds exp(M T r) and Gamma(T r)/T.
+        # exp([M T, I; 0, 0] r) holds exp(M T r) and Gamma(T r)/T; its powers are the phases.
         flow = np.block([[M * Tbar, np.eye(size)], [np.zeros((size, 2 * size))]])
         if not np.all(np.isfinite(flow)) or np.abs(flow).sum(axis=1).max() > 200:
             return None
-        parts = exponentials(flow[None] * (np.arange(1, _PHASES + 1) / _PHASES)[:, None, None])
+        step = exponentials(flow[None] / _PHASES)[0]
         index = np.arange(p)
+        state, q = step[:, :], np.full(p, np.inf)
         with np.errstate(all="ignore"):
-            ratios = parts[:, index, index] / (parts[:, index, size + index] * Tbar)
-        q = ratios.min(axis=0)
+            for _ in range(_PHASES):
+                q = np.minimum(q, state[index, index] / (state[index, size + index] * Tbar))
+                state = state @ step
         return q if np.all(np.isfinite(q)) and np.all(q > 0) else None
 
     def abscissa(self, shape: Shape, q: Array) -> float:
@@ -221,8 +224,13 @@ def printed(plant: Plant, shape: Shape, q: Array) -> dict[str, ExactMatrix]:
     p = plant.p
     T = ExactMatrix.from_floats(shape.S[p:], S_DIGITS).rows if len(shape.S) > p else ()
     S = ExactMatrix([*plant.C.rows, *T])
-    L: Array = np.linalg.solve(S.floats, np.vstack([np.diag(q), np.zeros((plant.n - p, p))])).astype(np.float64)
-    return {"S": S, "L": clean(ExactMatrix.from_floats(L, L_DIGITS), L)}
+    wanted = np.vstack([np.diag(q), np.zeros((plant.n - p, p))])
+    solved: Array = np.linalg.solve(S.floats, wanted).astype(np.float64)
+    for digits in L_DIGITS:
+        L = clean(ExactMatrix.from_floats(solved, digits), solved)
+        if float(np.abs(S.floats @ L.floats - wanted).max()) <= _STRUCTURE * float(q.max()):
+            break
+    return {"S": S, "L": L}
 
 
 def clean(exact: ExactMatrix, floats: Array) -> ExactMatrix:

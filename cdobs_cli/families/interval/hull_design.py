@@ -74,7 +74,7 @@ def _at(plant: Plant, search: Search, law: SamplingLaw, before: Array | None, ef
     if pair is None or not rate > 0:
         return None
     T = ExactMatrix.from_floats(pair[0][p:], S_DIGITS).rows if n > p else ()
-    S, L = ExactMatrix([*plant.C.rows, *T]), ExactMatrix.from_floats(pair[1], L_DIGITS)
+    S, L = ExactMatrix([*plant.C.rows, *T]), ExactMatrix.from_floats(pair[1], L_DIGITS[0])
     w = find_hull(plant.A.floats, plant.C.floats, S.floats, L.floats, law)
     try:
         R = S.balls().inverse()

@@ -18,7 +18,7 @@ from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, lower_text
 from cdobs_cli.families.interval.boundedness import Lmi15, final_width, find_lmi_15, find_w_star, lmi_15_limit, prove_hurwitz
-from cdobs_cli.families.interval.design import L_DIGITS, Search, Shape, box_widths, printed
+from cdobs_cli.families.interval.design import Search, Shape, printed
 from cdobs_cli.families.interval.held_loop import (
     closed_loop,
     descriptor_design,
@@ -303,8 +303,12 @@ def _certificates(plant: Plant, gain: Gain, law: SamplingLaw, family: Interval, 
         found.append(Certificate("hurwitz", law, {"w_star": w_star.texts()}))
     if not assumption_3(views.exact.Q1) and plant.n <= _LMI_STATES:
         found += _lmi_15(views, law)
-    if family.tighten == "hull":
-        found += _hull(plant, gain, law)
+    w = find_hull(plant.A.floats, plant.C.floats, gain["S"].floats, gain["L"].floats, law)
+    if w is not None:
+        found.append(Certificate("hull", law, {"w": w.texts()}))
+    frontier = largest_hull(plant, gain, law) if family.tighten == "hull" else None
+    if frontier is not None:
+        found.append(Certificate("hull_frontier", frontier[0], {"w": frontier[1].texts()}))
     if "K_lower" in gain:
         found += _held_loop(plant, gain, law, effort)
         if not assumption_3(views.exact.Q1) and plant.n <= _THEOREM_2_STATES:
@@ -326,16 +330,6 @@ def _lmi_15(views: Views, law: SamplingLaw) -> list[Certificate]:
     if found is None:
         return []
     return [Certificate("lmi_15", SamplingLaw("aperiodic", T_max=found[0]), found[1].document())]
-
-
-def _hull(plant: Plant, gain: Gain, law: SamplingLaw) -> list[Certificate]:
-    S, L = gain["S"], gain["L"]
-    w = find_hull(plant.A.floats, plant.C.floats, S.floats, L.floats, law)
-    found = [] if w is None else [Certificate("hull", law, {"w": w.texts()})]
-    frontier = largest_hull(plant, gain, law)
-    if frontier is not None:
-        found.append(Certificate("hull_frontier", frontier[0], {"w": frontier[1].texts()}))
-    return found
 
 
 def _held_loop(plant: Plant, gain: Gain, law: SamplingLaw, effort: int) -> list[Certificate]:
@@ -385,4 +379,4 @@ def declared_widths(plant: Plant) -> tuple[Matrix, Matrix]:
     return widths(plant.disturbance, plant.n), widths(plant.noise, plant.p)
 
 
-__all__ = ["L_DIGITS", "Views", "box_widths", "declared_widths", "singular", "synthesize"]
+__all__ = ["Views", "declared_widths", "singular", "synthesize"]
