@@ -69,14 +69,14 @@ def rate(certificate: Certificate) -> arb:
 
 
 def search(plant: Plant, L: Array, tau: float, alpha_tau: float) -> tuple[Array, float]:
-    """P of the largest margin in both inequalities, in the units of `Units.of(.., tau)`; floats, no proof."""
+    """P of the largest margin in both inequalities, floats, no proof."""
     import numpy as np
 
     from cdobs_cli.certify.lmi import symmetric
     from cdobs_cli.families.lpv_zoh.corners import largest_margin
 
     given = PlantView.floats(plant, {})
-    units = Units.of(given, tau)
+    units = Units.of(given, tau, slower=1.0)  # the class (16) is kept
     view, L_s = units.view(given), units.gain_in(L)
     R, one = np.eye(1, plant.n, 1), np.eye(1)
     solution, margin = largest_margin(

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify import clock
+from cdobs_cli.certify.falsify import refute
 from cdobs_cli.design import Design
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.lpv_zoh import any_gain, printed_search, repaired, wirtinger
+from cdobs_cli.families.lpv_zoh.claims import slowest_constant_slope
 from cdobs_cli.families.lpv_zoh.climb import GAIN_DIGITS, Climb
 from cdobs_cli.families.lpv_zoh.corners import MOST_CORNERS
 from cdobs_cli.families.lpv_zoh.curve import gain_curve
@@ -34,6 +36,10 @@ RATE_FLOOR = 0.002
 _TOLERANCE = (Fraction(1, 100), Fraction(1, 500), Fraction(1, 2000), Fraction(1, 10000))
 _FINE = Fraction(1, 20000)
 _SCAN = 24
+# Sizes (see `_size`) up to which a clock certificate gets one step more of the schedule for the headline, the
+# whole schedule, or a search at all.
+_HEADLINE, _CLOCK_SMALL = 700, 2_000
+_CLOCK_LARGEST = (7_000, 7_000, 70_000, 200_000)  # by effort
 
 
 @dataclass(frozen=True)
@@ -62,7 +68,9 @@ def synthesize(family: LpvZeroOrderHold, plant: Plant, effort: int) -> Design:
     law = plant.sampling.with_period(found.T)
     certificates = _certificates(family, at_period(plant, found.T), found.L, effort)
     proved = max((float(c.sampling.T_max) for c in certificates if c.method != printed_search.METHOD), default=None)
-    details: dict[str, Any] = {} if family.gain is not None else {"curve": gain_curve(plant, found.L, found.T, effort)}
+    # The curve of period against rate belongs to a search; effort 0 is for a quick answer.
+    searched = family.gain is None and effort > 0
+    details: dict[str, Any] = {"curve": gain_curve(plant, found.L, found.T, effort)} if searched else {}
     return Design(
         family.family, "given" if family.gain is not None else "found", law, {"L": found.L},
         certificates + _any_gain(plant, proved, effort), details=details,
@@ -195,13 +203,14 @@ def _climb_period(method: str, plant: Plant, objective: str, effort: int) -> Fou
     if L_start is None:
         raise NoDesignError(f"no gain was proved by {method}, down to the period {short(T)}")
     goal = float("inf") if objective == "max_period" else wanted
-    climb = Climb(passes, _unit(plant, T), _budget(plant, effort), goal)
+    budget = _budget(plant, effort) if method == "clock" else 48 * (1 + effort)
+    climb = Climb(passes, _unit(plant, T), budget, goal)
     L, T = climb.run(L_start.floats, T)
     if objective != "max_period" and wanted > T:
         raise NoDesignError(f"the longest period proved by {method} for any gain met is {short(T)}, below {plant.sampling.T_max}")
     if objective != "max_period":
         return Found(L, plant.sampling.T_max)
-    level = min(effort + 1, 3) if method == "clock" else effort
+    level = min(effort + 1, 3) if method == "clock" and _size(plant) <= _HEADLINE else effort
     further = _largest(method, at_period(plant, short(T)), L, level, RATE_FLOOR)
     return Found(L, short(T) if further is None else further[0])
 
@@ -241,8 +250,7 @@ def _unit(plant: Plant, T: float) -> Array:
 
 def _budget(plant: Plant, effort: int) -> int:
     """How many proofs a climb may try: fewer where each one is large."""
-    size: int = (plant.n + plant.p) ** 3 * 2 ** len(plant.slopes.uncertain)
-    return max(12, min(160, 20000 // size)) * (1 + effort)
+    return max(12, min(160, 20000 // _size(plant))) * (1 + effort)
 
 
 # The certificates.
@@ -257,7 +265,24 @@ def _prove(method: str, plant: Plant, L: ExactMatrix, effort: int, sigma: Fracti
         return repaired.analyse(plant, L, T, sigma)
     if method == "theorem_1":
         return printed_search.search(plant, L, T)
-    return clock.analyse(inclusion(plant, {"L": L}), effort, sigma)
+    return _clock(plant, L, effort, sigma)
+
+
+def _clock(plant: Plant, L: ExactMatrix, effort: int, sigma: Fraction) -> Certificate | None:
+    """The clock certificate, asked for only where no counterexample stands against it: a search that fails is
+    the dearest."""
+    system = inclusion(plant, {"L": L})
+    if _size(plant) > _CLOCK_LARGEST[max(0, min(effort, 3))] or refute(system, 0) is not None:
+        return None
+    limit = slowest_constant_slope(plant, L) if sigma else None
+    if limit is not None and Exact(sigma).ball() >= limit:
+        return None
+    return clock.analyse(system, effort if _size(plant) <= _CLOCK_SMALL else 0, sigma)
+
+
+def _size(plant: Plant) -> int:
+    """What a clock certificate costs, roughly: (n + p)^3 times the corners."""
+    return int((plant.n + plant.p) ** 3 * 2 ** len(plant.slopes.uncertain))
 
 
 def _largest(method: str, plant: Plant, L: ExactMatrix, effort: int, floor: float) -> tuple[Exact, Certificate] | None:
@@ -278,7 +303,7 @@ def _certificates(family: LpvZeroOrderHold, plant: Plant, L: ExactMatrix, effort
     made: list[Certificate] = []
     for method in _methods(family, plant):
         # The headline is worth one step more of the schedule than the search for a gain.
-        level = min(effort + 1, 3) if method == "clock" else effort
+        level = min(effort + 1, 3) if method == "clock" and _size(plant) <= _HEADLINE else effort
         longest = _largest(method, plant, L, level, 0.0)
         if longest is not None:
             made.append(longest[1])

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+# A loop that survives its sampling is slower than it: with states in these units the certificates of chains
+# of 7 and 8 integrators come out some thousand times better conditioned.
+_SLOWER = 3.0
+
 
 @dataclass(frozen=True)
 class Units:
@@ -29,9 +33,9 @@ class Units:
     tau: float
 
     @staticmethod
-    def of(view: PlantView[Array], tau: float) -> Units:
+    def of(view: PlantView[Array], tau: float, slower: float = _SLOWER) -> Units:
         """Units for a plant: breadth first from the outputs along xdot_i = a_ij x_j, x_j counts in units of
-        x_i / (tau |a_ij|), so that a chain of integrators becomes one with unit coefficients."""
+        x_i / (slower tau |a_ij|), so that a chain of integrators becomes one with coefficients 1 / slower."""
         import numpy as np
 
         n = view.A.shape[0]
@@ -49,7 +53,7 @@ class Units:
                 if j not in seen:
                     seen.add(j)
                     front.append(j)
-                    states[j] = states[i] / (tau * coupling[i, j])
+                    states[j] = states[i] / (slower * tau * coupling[i, j])
         outputs = np.abs(view.C * states).max(axis=1)
         outputs[outputs == 0] = 1.0
         return Units(states, outputs, tau)

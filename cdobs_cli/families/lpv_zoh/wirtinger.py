@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 METHOD = "wirtinger"
 _DIGITS = 12
 _EPSILONS = (0.05, 20.0)
+_COARSE = 5000  # (n + p)^3 times corners beyond which the line search is a glance
 _UNDECIDED = Definiteness("undecided", None)
 
 
@@ -140,6 +141,9 @@ def design(plant: Plant, tau: float, sigma: float = 0.0) -> Proposal:
     """`propose` over a line search on epsilon: the gain of the largest margin met."""
     import numpy as np
 
+    size = (plant.n + plant.p) ** 3 * 2 ** len(plant.slopes.uncertain)
+    if size > _COARSE:
+        return max((propose(plant, tau, sigma, epsilon) for epsilon in (1.0, 3.0, 0.3)), key=lambda proposal: proposal.margin)
     tried = [propose(plant, tau, sigma, float(epsilon)) for epsilon in np.geomspace(*_EPSILONS, 9)]
     best = max(range(len(tried)), key=lambda k: tried[k].margin)
     low, high = tried[max(best - 1, 0)].epsilon, tried[min(best + 1, len(tried) - 1)].epsilon
