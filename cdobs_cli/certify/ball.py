@@ -122,16 +122,23 @@ def spectral_radius_upper(M: Matrix) -> arb:
     return best
 
 
-def is_hurwitz_unstable(M: Matrix) -> bool:
-    """Whether some eigenvalue of M with real part >= 0 is proved (the flow of M does not decay).
+def is_hurwitz(M: Matrix) -> bool:
+    """Whether every eigenvalue of a rational M has a negative real part: Routh's array, exactly.
 
-    For rational M exactly: det(-M) <= 0 means a real eigenvalue >= 0; trace M >= 0 means some real part >= 0.
+    Raises: ValueError for a matrix of balls.
     """
-    if not is_finite(M):
-        return False
-    if arb(M.trace()) >= 0 or arb(determinant(-M)) <= 0:
-        return True
-    return any(value.real >= 0 for value in eigenvalues(M) or ())
+    if not M.is_rational:
+        raise ValueError("an exact answer needs rational entries")
+    size = M.shape[0]
+    coefficients = [M.data.charpoly()[size - k] for k in range(size + 1)]  # from s^n down
+    above, row = coefficients[0::2], coefficients[1::2]
+    for _ in range(size):
+        if not row or not row[0] > 0:
+            return False
+        factor = above[0] / row[0]
+        below = [above[k + 1] - factor * (row[k + 1] if k + 1 < len(row) else 0) for k in range(len(above) - 1)]
+        above, row = row, below
+    return True
 
 
 def root_between(function: Callable[[arb], arb], low: Fraction, high: Fraction, width: Fraction) -> tuple[Fraction, Fraction] | None:

@@ -14,16 +14,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import product
+from itertools import islice, product
 from typing import TYPE_CHECKING, Any
 
 from flint import arb
 
 from cdobs_cli.certificate import Witness
-from cdobs_cli.certify.ball import has_spectral_radius_at_least, spectral_radius_lower
+from cdobs_cli.certify.ball import has_spectral_radius_at_least, is_hurwitz, spectral_radius_lower
 from cdobs_cli.exact.expression import ExpressionError
-from cdobs_cli.exact.matrix import Matrix
-from cdobs_cli.exact.numbers import Exact, lower_text
+from cdobs_cli.exact.matrix import Matrix, block
+from cdobs_cli.exact.numbers import Exact, decimal_text, lower_text
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
 from cdobs_cli.plant import SamplingLaw
 
@@ -78,12 +78,14 @@ class Word:
 def refute(inclusion: HybridInclusion, effort: int) -> Witness | None:
     """A proved counterexample under the inclusion's sampling law, or None.
 
-    Tries constant slopes at the corners of the box, at the periods the law contains.
+    Tries constant slopes that leave an error unseen for ever; constant slopes at the corners of the box, at
+    periods the law contains; and from effort 1 on V(t) that switch between corners, over words of several periods.
     """
-    for word in _constant_words(inclusion, effort):
-        multiplier = prove(inclusion, word)
-        if multiplier is not None:
-            return word.witness(inclusion, multiplier)
+    for words in (_unseen_words, _constant_words, _switching_words):
+        for word in words(inclusion, effort):
+            multiplier = prove(inclusion, word)
+            if multiplier is not None:
+                return word.witness(inclusion, multiplier)
     return None
 
 
@@ -104,7 +106,8 @@ def prove(inclusion: HybridInclusion, word: Word) -> arb | None:
         return None
     M = monodromy(inclusion.balls, word)
     if not has_spectral_radius_at_least(M):
-        return None
+        values = {arc.values for period in word.periods for arc in period}
+        return arb(1) if len(values) == 1 and leaves_unseen(inclusion, values.pop()) else None
     bound = spectral_radius_lower(M)
     return bound if bound > 1 else arb(1)
 
@@ -140,6 +143,92 @@ def _admissible(inclusion: HybridInclusion, period: tuple[Arc, ...]) -> bool:
 
 def _at_most(low: Exact, high: Exact) -> bool:
     return low == high or (high - low).sign() in (0, 1)
+
+
+def leaves_unseen(inclusion: HybridInclusion, values: tuple[Exact, ...]) -> bool:
+    """Whether constant slopes make some error that never shows in the outputs and does not decay: then no gain
+    and no sampling law helps. Exact, for rational data: A + V on the unobservable subspace is not Hurwitz, and
+    flow and jump keep that subspace."""
+    maps, C = inclusion.balls, inclusion.plant.C.balls()
+    F = maps.flow(tuple(_scalar(value) for value in values))
+    A = inclusion.plant.A.balls()
+    if not (F.is_rational and maps.jump.is_rational and C.is_rational and A.is_rational):
+        return False
+    for (i, j), value in zip(inclusion.entries, values, strict=True):
+        A = A + _unit_matrix(A.shape[0], i, j) * _scalar(value)
+    for i, j in inclusion.plant.slopes.entries:
+        if (i, j) not in inclusion.entries:
+            A = A + _unit_matrix(A.shape[0], i, j) * _scalar(inclusion.plant.slopes.lower[i, j])
+    basis = unobservable_subspace(A, C)
+    if basis is None:
+        return False
+    size = basis.shape[1]
+    kept = (basis.T @ basis).solve(basis.T @ A @ basis)  # A N = N kept
+    embedded = block([[basis], [Matrix.zeros(F.shape[0] - A.shape[0], size)]]) if F.shape[0] > A.shape[0] else basis
+    if (F @ embedded - embedded @ kept).data != Matrix.zeros(F.shape[0], size).data or (maps.jump @ embedded).data != embedded.data:
+        return False
+    return not is_hurwitz(kept)
+
+
+def unobservable_subspace(A: Matrix, C: Matrix) -> Matrix | None:
+    """A basis (n, u) of the errors that C exp(A t) never shows, for rational A and C; None where there is none."""
+    rows, power = C, C
+    for _ in range(A.shape[0] - 1):
+        power = power @ A
+        rows = block([[rows], [power]])
+    return null_space(rows)
+
+
+def null_space(M: Matrix) -> Matrix | None:
+    """A rational basis of the null space, as columns; None where it is trivial."""
+    reduced, rank = M.data.rref()
+    n = M.shape[1]
+    pivots = [next(j for j in range(n) if reduced[i, j] != 0) for i in range(rank)]
+    free = [j for j in range(n) if j not in pivots]
+    if not free:
+        return None
+    columns = [[-reduced[pivots.index(j), f] if j in pivots else int(j == f) for f in free] for j in range(n)]
+    return Matrix.from_rows(columns)
+
+
+def _unit_matrix(n: int, i: int, j: int) -> Matrix:
+    return Matrix.from_rows([[int(a == i and b == j) for b in range(n)] for a in range(n)])
+
+
+def _unseen_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
+    """Constant slopes with an unseen error that does not decay: corners (few of them) and the middle."""
+    if inclusion.sampling.T_max.sign() != 1:
+        return
+    slopes = inclusion.plant.slopes
+    candidates = [_values(inclusion, corner) for corner in islice(candidate_corners(inclusion), 16)]
+    ends = [(slopes.lower[entry].rational, slopes.upper[entry].rational) for entry in inclusion.entries]
+    if all(low is not None and high is not None for low, high in ends):
+        candidates.append(tuple(Exact((low + high) / 2) for low, high in ends if low is not None and high is not None))
+        candidates.append(tuple(Exact(min(max(low, Fraction(0)), high)) for low, high in ends if low is not None and high is not None))
+    for values in candidates:
+        if leaves_unseen(inclusion, values):
+            yield Word(((Arc(inclusion.sampling.T_max, values),),))
+
+
+def _switching_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
+    """Bang-bang slopes over one or several periods: what `switching` proposes, the most unstable first."""
+    from cdobs_cli.certify.switching import propose
+
+    if not _finite(inclusion.floats):
+        return
+    for proposal in propose(inclusion, effort, exponentials)[:4]:
+        if proposal.radius < 1 - _SLACK:
+            return
+        periods = []
+        for T, arcs in zip(proposal.periods, proposal.arcs, strict=True):
+            lengths = [Exact(decimal_text(length, 10)) for length, _ in arcs[:-1]]
+            last = T
+            for length in lengths:
+                last = last - length
+            periods.append(
+                tuple(Arc(length, _values(inclusion, corner)) for length, (_, corner) in zip([*lengths, last], arcs, strict=True))
+            )
+        yield Word(tuple(periods))
 
 
 def _constant_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:

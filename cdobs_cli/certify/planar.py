@@ -238,7 +238,8 @@ class Sweep:
         e = self.climb.at(s)
         jolt = e[0, 0] * self.spread[0] + abs(e[1, 0]) * self.spread[1]
         column: Matrix = self.fall.transition(theta, _ball(self.delta) - s)[:, 1]
-        return column * jolt
+        slope: Matrix = column * jolt
+        return slope
 
     def proves(self, K_2: Any, limit: arb) -> bool:
         """Whether |e_2 - K_2 e_1| < limit is proved for every s in [0, delta], cell by cell."""

@@ -130,7 +130,7 @@ def test_no_random_plant_is_both_proved_and_refuted():
     """Hundreds of plants, gains and laws; every proof is also held against constant slopes inside the box."""
     rng = np.random.default_rng(6)
     proofs = refutations = 0
-    for trial in range(300):
+    for trial in range(240):
         T = decimal_text(float(10 ** rng.uniform(-1.5, 0.5)), 3)
         low = decimal_text(float(T) * 0.4, 3)
         law = [periodic(T), aperiodic(low, T), aperiodic(0, T)][trial % 3]
@@ -154,7 +154,7 @@ def test_no_random_plant_is_both_proved_and_refuted():
             periods = rng.uniform(lowest, float(T), 30)
             flows = np.array([maps.flow(tuple(row)) * t for row, t in zip(v, periods, strict=True)])
             assert spectral_radii(maps.jump @ exponentials(flows)).max() < 1
-    assert proofs > 60 and refutations > 60
+    assert proofs > 50 and refutations > 50
 
 
 def test_monotone_in_the_slopes_and_the_same_in_other_units():

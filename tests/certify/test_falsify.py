@@ -5,6 +5,7 @@ import pytest
 from example_inclusions import aperiodic, canonical, held, impulsive, periodic, plant
 
 from cdobs_cli.certificate import Witness
+from cdobs_cli.certify import planar
 from cdobs_cli.certify.bracket import largest_proved, smallest_refuted
 from cdobs_cli.certify.falsify import exponentials, refute, refutes
 from cdobs_cli.exact.numbers import Exact
@@ -106,3 +107,66 @@ def test_largest_proved_bisects_on_proofs_only():
     found = largest_proved(lambda T: "yes" if float(T) < 1.2345 else None, Exact("0.001"), Exact(100), 1e-6)
     assert found[1] == "yes" and 1.2345 * (1 - 2e-6) < float(found[0]) < 1.2345
     assert largest_proved(lambda T: None, Exact(1), Exact(2), 1e-3) is None
+
+
+def test_switching_slopes_defeat_a_gain_that_constant_ones_do_not():
+    """Pendulum class, K = (1, 0.8): the exact limit is the planar one; constant slopes reach it much later."""
+    inclusion = impulsive(canonical([1, 0], periodic("1.2")), [["1"], ["0.8"]])
+    family, _ = planar.planar_class(inclusion)
+    limit = planar.limit_of_gain(family, 0.8, 3.0)
+    assert limit == pytest.approx(1.613715, abs=1e-6)
+    constant, _ = smallest_refuted(at(inclusion), Exact("1.2"), 0)
+    T, witness = smallest_refuted(at(inclusion), Exact("1.2"), 1)
+    assert limit < float(T) < 1.0005 * limit < 1.05 * limit < float(constant)
+    assert witness.kind == "switching"
+    assert len(witness.times) == sum(witness.data["arcs"])
+    assert refutes(at(inclusion)(T), Witness.from_document(witness.document()))
+    assert not refutes(at(inclusion)(Exact("1.7")), witness)
+
+
+def test_words_of_mixed_periods_defeat_an_interval_of_periods():
+    """A linear loop that survives every constant period in an interval, but not its two ends in turn."""
+    A, zero = [["0.1", "1.5"], ["-1.5", "0.1"]], [[0, 0], [0, 0]]
+    gain = [["0.9"], ["-0.9"]]
+
+    def made(law):
+        return impulsive(plant(A, zero, zero, [[1, 0]], law), gain)
+
+    def rho(*periods):
+        M = np.eye(2)
+        for T in periods:
+            c, s = math.exp(0.1 * T) * math.cos(1.5 * T), math.exp(0.1 * T) * math.sin(1.5 * T)
+            M = np.array([[0.1, 0], [0.9, 1]]) @ np.array([[c, s], [-s, c]]) @ M
+        return abs(np.linalg.eigvals(M)).max() ** (1 / len(periods))
+
+    found = next(
+        ((a, b) for a in np.arange(0.1, 4, 0.1) for b in np.arange(a + 0.1, 4, 0.1)
+         if max(rho(t) for t in np.linspace(a, b, 9)) < 0.97 and rho(a, b) > 1.03), None,
+    )  # fmt: skip
+    assert found is not None
+    low, high = (f"{t:.1f}" for t in found)
+    assert refute(made(periodic(low)), 2) is None
+    assert refute(made(periodic(high)), 2) is None
+    witness = refute(made(aperiodic(low, high)), 2)
+    assert witness is not None
+    assert len(set(witness.times)) > 1
+    assert refutes(made(aperiodic(low, high)), witness)
+
+
+def test_errors_that_no_output_shows_defeat_every_gain():
+    """Whatever the gain and the law: an unseen integrator, an unseen oscillator; an unseen decaying mode does not."""
+    zero = [[0] * 3 for _ in range(3)]
+    for A, refuted in (
+        ([[-1, 0, 0], [0, 0, 0], [0, 0, -2]], True),
+        ([[-1, 0, 0], [0, 0, 1], [0, -1, 0]], True),
+        ([[-1, 0, 0], [0, -1, 5], [0, -5, "-0.01"]], False),
+    ):
+        for law in (periodic("0.7"), periodic("sqrt(2)"), aperiodic(0, "0.7")):
+            made = plant(A, zero, zero, [[1, 0, 0]], law)
+            for inclusion in (impulsive(made, [["0.5"], ["3"], ["1"]]), held(made, [["0.5"], ["3"], ["1"]])):
+                witness = refute(inclusion, 0)
+                assert (witness is not None) == refuted
+                assert witness is None or (witness.multiplier == "1" and refutes(inclusion, witness))
+    # Unseen only for slopes in the middle of the box: x2 decays unseen at 0, and is seen at any other slope.
+    hidden = plant([[-1, 0], [0, "0.1"]], [[0, -1], [0, 0]], [[0, 1], [0, 0]], [[1, 0]], periodic("0.5"))
+    assert refute(impulsive(hidden, [["0.5"], ["3"]]), 0) is not None

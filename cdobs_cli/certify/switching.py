@@ -1,0 +1,234 @@
+"""The search for switching counterexamples, in floats: which V(t), at corners of the slope box, makes rho(M) largest.
+
+By the maximum principle an extremal V(t) is bang-bang: with e the error along the leading eigenvector and p
+the costate along the left one, v_k follows the sign of (p' left_k)(right_k e). Starting from some V on a grid
+of slots, that rule is applied again and again (policy iteration); arcs of equal slopes are then merged and
+their lengths refined. What comes out is only proposed: `falsify.prove` decides.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+_SLOTS = (0, 12, 20, 32)  # slots a period, by effort
+_PERIODS = (0, 2, 3, 4)  # longest words, by effort
+_STARTS = (0, 4, 8, 16)
+_SWEEPS = 12
+_PROMISING = 0.985  # a radius from which lengths are refined
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """Arcs of a word: lengths as floats and corners (True: upper end) by period, and the radius in floats."""
+
+    radius: float
+    periods: tuple[Exact, ...]
+    arcs: tuple[tuple[tuple[float, tuple[bool, ...]], ...], ...]
+
+
+def propose(inclusion: HybridInclusion, effort: int, exponentials: Any) -> list[Proposal]:
+    """Words of one to several sampling periods with the largest spectral radii met, best first.
+
+    Args:
+        exponentials: exp of a stack of matrices, in floats.
+    """
+    level = max(0, min(effort, 3))
+    maps = inclusion.floats
+    if level == 0 or (not maps.lower and inclusion.sampling.T_min == inclusion.sampling.T_max):
+        return []
+    import numpy as np
+
+    with np.errstate(all="ignore"):
+        search = _Search(maps, exponentials, _SLOTS[level])
+        found = [proposal for word in _period_words(inclusion, _PERIODS[level]) for proposal in search.word(word, _STARTS[level])]
+    return sorted(found, key=lambda proposal: -proposal.radius)
+
+
+def _period_words(inclusion: HybridInclusion, longest: int) -> Iterator[tuple[Exact, ...]]:
+    """Sampling periods of the words: all equal under a periodic law, mixed under an interval."""
+    law = inclusion.sampling
+    T, low = law.T_max, law.T_min
+    if T.sign() != 1:
+        return
+    if low == T:
+        for count in range(1, longest + 1):
+            yield (T,) * count
+        return
+    choices = [T]
+    if low.sign() == 1:
+        choices.append(low)
+    if T.rational is not None and low.rational is not None:
+        choices.append(Exact((T.rational + low.rational) / 2))
+        if low.sign() == 0:
+            choices.append(Exact(T.rational / 8))
+    for count in range(1, longest + 1):
+        words = {min(word[k:] + word[:k] for k in range(count)) for word in product(range(len(choices)), repeat=count)}
+        for word in sorted(words)[: 6 * count]:
+            yield tuple(choices[index] for index in word)
+
+
+class _Search:
+    """Policy iteration for one inclusion."""
+
+    def __init__(self, maps: ErrorMaps[Array], exponentials: Any, slots: int) -> None:
+        import numpy as np
+
+        self.maps, self.exponentials, self.slots = maps, exponentials, slots
+        N = maps.base.shape[0]
+        self.left = np.concatenate([np.zeros((N, 0)), *maps.left], axis=1)  # (N, k)
+        self.right = np.concatenate([np.zeros((0, N)), *maps.right], axis=0)  # (k, N)
+        self.lower, self.upper = np.array(maps.lower, dtype=float), np.array(maps.upper, dtype=float)
+        self.k = len(self.lower)
+
+    def word(self, periods: tuple[Exact, ...], starts: int) -> list[Proposal]:
+        import numpy as np
+
+        W, slots = len(periods), self.slots
+        rng = np.random.default_rng(1000 * W + self.k)
+        lengths = np.repeat([float(T) / slots for T in periods], slots)
+        found: dict[bytes, Proposal] = {}
+        for start in range(starts if self.k else 1):
+            if start == 0:
+                bits = np.ones((W * slots, self.k), dtype=bool)
+            elif start == 1:
+                bits = np.zeros((W * slots, self.k), dtype=bool)
+            else:  # a few arcs, drawn once and for all
+                bits = np.repeat(rng.random((W * 2, self.k)) < 0.5, slots // 2, axis=0)[: W * slots]
+                bits = np.concatenate([bits, np.repeat(bits[-1:], W * slots - len(bits), axis=0)])
+            radius, bits = self._improve(bits, lengths, W)
+            key = bits.tobytes()
+            if key in found or not np.isfinite(radius):
+                continue
+            arcs = self._merge(bits, lengths, W)
+            if _PROMISING <= radius < 1.05:
+                radius, arcs = self._refine(radius, arcs)
+            found[key] = Proposal(radius, periods, arcs)
+        return sorted(found.values(), key=lambda proposal: -proposal.radius)[:2]
+
+    def _improve(self, bits: Any, lengths: Array, W: int) -> tuple[float, Any]:
+        import numpy as np
+
+        radius, gradient = self._evaluate(bits, lengths, W)
+        for _ in range(_SWEEPS):
+            if gradient is None:
+                break
+            wanted = gradient > 0
+            changed = wanted != bits
+            if not changed.any():
+                break
+            trial = wanted
+            better, slope = self._evaluate(trial, lengths, W)
+            if not better > radius:  # flip only what promises most
+                worth = np.where(changed, np.abs(gradient), 0.0)
+                limit = np.quantile(worth[changed], 0.75)
+                trial = np.where(worth >= limit, wanted, bits)
+                better, slope = self._evaluate(trial, lengths, W)
+                if not better > radius:
+                    break
+            radius, gradient, bits = better, slope, trial
+        return radius, bits
+
+    def _evaluate(self, bits: Any, lengths: Array, W: int) -> tuple[float, Any]:
+        """rho per period of the word, and d|lambda| / d v for each slot (None where it makes no sense)."""
+        import numpy as np
+
+        v = np.where(bits, self.upper, self.lower)
+        flows = self.maps.base + np.einsum("ik,sk,kj->sij", self.left, v, self.right)
+        E = self.exponentials(flows * lengths[:, None, None])
+        N = flows.shape[-1]
+        forward = [np.eye(N)]
+        for slot, step in enumerate(E):
+            total = step @ forward[-1]
+            forward.append(self.maps.jump @ total if (slot + 1) % self.slots == 0 else total)
+        M = forward[-1]
+        if not np.all(np.isfinite(M)):
+            return float("nan"), None
+        values, vectors = np.linalg.eig(M)
+        top = int(np.argmax(np.abs(values)))
+        lam = values[top]
+        size = float(np.abs(lam))
+        radius = size ** (1 / W)
+        if size == 0.0:
+            return radius, None
+        duals, lefts = np.linalg.eig(M.T)
+        p = lefts[:, int(np.argmin(np.abs(duals - lam)))]
+        x = vectors[:, top]
+        scale = p @ x
+        if abs(scale) < 1e-12:
+            return radius, None
+        weight = np.conj(lam) / size / scale
+        gradient = np.empty((len(E), self.k))
+        costate = p
+        for slot in range(len(E) - 1, -1, -1):
+            if (slot + 1) % self.slots == 0:
+                costate = self.maps.jump.T @ costate
+            e = forward[slot] @ x
+            before = E[slot].T @ costate
+            middle_e, middle_p = (e + E[slot] @ e) / 2, (costate + before) / 2
+            gradient[slot] = np.real(weight * (middle_p @ self.left) * (self.right @ middle_e))
+            costate = before
+        return radius, gradient
+
+    def _merge(self, bits: Any, lengths: Array, W: int) -> tuple[tuple[tuple[float, tuple[bool, ...]], ...], ...]:
+        periods = []
+        for w in range(W):
+            arcs: list[tuple[float, tuple[bool, ...]]] = []
+            for slot in range(w * self.slots, (w + 1) * self.slots):
+                corner = tuple(bool(bit) for bit in bits[slot])
+                if arcs and arcs[-1][1] == corner:
+                    arcs[-1] = (arcs[-1][0] + float(lengths[slot]), corner)
+                else:
+                    arcs.append((float(lengths[slot]), corner))
+            periods.append(tuple(arcs))
+        return tuple(periods)
+
+    def _radius(self, arcs: Any) -> float:
+        import numpy as np
+
+        flat = [arc for period in arcs for arc in period]
+        v = np.where(np.array([corner for _, corner in flat], dtype=bool).reshape(len(flat), self.k), self.upper, self.lower)
+        flows = self.maps.base + np.einsum("ik,sk,kj->sij", self.left, v, self.right)
+        E = iter(self.exponentials(flows * np.array([length for length, _ in flat])[:, None, None]))
+        M = np.eye(flows.shape[-1])
+        for period in arcs:
+            for _ in period:
+                M = next(E) @ M
+            M = self.maps.jump @ M
+        if not np.all(np.isfinite(M)):
+            return float("nan")
+        largest = float(np.abs(np.linalg.eigvals(M)).max())
+        return math.pow(largest, 1 / len(arcs))
+
+    def _refine(self, radius: float, arcs: Any) -> tuple[float, Any]:
+        """Moves switching times while that helps, by halving steps."""
+        step = max(length for period in arcs for length, _ in period) / 8
+        switches = [(w, i) for w, period in enumerate(arcs) for i in range(len(period) - 1)]
+        for _ in range(14):
+            moved = False
+            for w, i in switches:
+                for delta in (step, -step):
+                    first, second = arcs[w][i], arcs[w][i + 1]
+                    if not (first[0] + delta > 0 and second[0] - delta > 0):
+                        continue
+                    period = [*arcs[w][:i], (first[0] + delta, first[1]), (second[0] - delta, second[1]), *arcs[w][i + 2 :]]
+                    trial = (*arcs[:w], tuple(period), *arcs[w + 1 :])
+                    value = self._radius(trial)
+                    if value > radius:
+                        radius, arcs, moved = value, trial, True
+                        break
+            if not moved:
+                step /= 2
+        return radius, arcs
