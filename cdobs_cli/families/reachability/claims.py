@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from flint import arb
 
 from cdobs_cli.certificate import Bound, Certificate, Check, Claim
-from cdobs_cli.certify import clock
+from cdobs_cli.certify import clock, planar
 from cdobs_cli.certify.bracket import smallest_refuted
 from cdobs_cli.certify.falsify import refute
 from cdobs_cli.design import Design
@@ -30,7 +30,10 @@ if TYPE_CHECKING:
     from cdobs_cli.families.reachability import Reachability
 
 CLOCK = "clock"
-CLOCK_SOURCE = "clock-dependent Lyapunov function"
+PLANAR = planar.METHOD
+SOURCES = {
+    METHOD: "Dinh2014, Theorem II.2", CLOCK: "clock-dependent Lyapunov function", PLANAR: "extremals of the planar class, exact",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -79,7 +82,7 @@ def certify(family: Reachability, plant: Plant, design: Design, effort: int) -> 
     here = [item for item in judged if item.own and item.certificate.sampling == law]
     claims: list[Claim] = []
     for item in here:
-        claims += _set_claims(family, plant, K, item, limit) if item.set_proof is not None else [_clock_claim(item, law)]
+        claims += _set_claims(family, plant, K, item, limit) if item.set_proof is not None else [_other_claim(item, law)]
     claims += _ladder_claims([item for item in judged if item not in here])
     claims += [_reference_claim(plant, certificate) for certificate in design.certificates if certificate.method == REFERENCE]
     if plant.sampling.kind == "periodic" and not any(item.set_proof for item in here) and family.method != CLOCK:
@@ -93,7 +96,7 @@ def certify(family: Reachability, plant: Plant, design: Design, effort: int) -> 
 
 def _judge(family: Reachability, plant: Plant, K: ExactMatrix, certificate: Certificate) -> Judged:
     own = "K" not in certificate.data
-    method = METHOD if certificate.method == METHOD else CLOCK
+    method = certificate.method if certificate.method in (METHOD, PLANAR) else CLOCK
     try:
         gain = K if own else ExactMatrix(certificate.data["K"])
     except (TypeError, ValueError, ExpressionError):
@@ -103,7 +106,8 @@ def _judge(family: Reachability, plant: Plant, K: ExactMatrix, certificate: Cert
     if method == METHOD:
         proof = prove(family, plant, gain, certificate)
         return Judged(certificate, method, own, proof.holds, proof)
-    return Judged(certificate, method, own, clock.prove(_closed(plant, gain, certificate.sampling), certificate).proved)
+    prover = planar.prove if method == PLANAR else clock.prove
+    return Judged(certificate, method, own, prover(_closed(plant, gain, certificate.sampling), certificate).proved)
 
 
 def _closed(plant: Plant, K: ExactMatrix, law: SamplingLaw) -> HybridInclusion:
@@ -118,7 +122,7 @@ def _conclusion(law: SamplingLaw, proofs: list[Judged], witness: Any) -> Claim:
     statement = f"The error converges to 0 for every slope history in the class, sampling {_law(law)}."
     if proofs:
         best = max(proofs, key=lambda item: float(item.rate.lower()))
-        by = "set.contraction" if best.method == METHOD else "clock"
+        by = "set.contraction" if best.method == METHOD else best.method
         return _convergence("proved", statement, margin=lower_text(best.rate, 6) if best.rate > 0 else None, method=best.method, by=by)
     if witness is not None:
         return _convergence("refuted", statement, method=f"{witness.kind} slopes", witness=witness)
@@ -196,11 +200,14 @@ def _no_set_claim(law: SamplingLaw) -> Claim:
     )  # fmt: skip
 
 
-def _clock_claim(item: Judged, law: SamplingLaw) -> Claim:
+def _other_claim(item: Judged, law: SamplingLaw) -> Claim:
+    if item.method == PLANAR:
+        statement = f"No slope history makes |e_2| after a jump as large as after the jump before, sampling {_law(law)}."
+        return Claim(PLANAR, "certificate", _status(item.proved), statement, SOURCES[PLANAR], method="switching times enclosed in balls")
     return Claim(
-        "clock", "certificate", _status(item.proved),
+        CLOCK, "certificate", _status(item.proved),
         f"A clock-dependent e'P(tau)e decreases along flows and does not grow at jumps, sampling {_law(law)}.",
-        CLOCK_SOURCE, margin=lower_text(item.rate, 6) if item.proved and item.rate > 0 else None, method="exact Bernstein coefficients",
+        SOURCES[CLOCK], margin=lower_text(item.rate, 6) if item.proved and item.rate > 0 else None, method="exact Bernstein coefficients",
     )  # fmt: skip
 
 
@@ -218,7 +225,7 @@ def _ladder_claim(item: Judged) -> Claim:
     name = "period_max" if item.own else "period_max_any_gain"
     return Claim(
         f"{name}.{item.method}", "certificate", _status(item.proved), f"{whose} converges, sampling {_law(item.certificate.sampling)}.",
-        "Dinh2014, Theorem II.2" if item.method == METHOD else CLOCK_SOURCE, method=item.method,
+        SOURCES[item.method], method=item.method,
     )  # fmt: skip
 
 
@@ -239,9 +246,10 @@ def _bounds(family: Reachability, plant: Plant, K: ExactMatrix, judged: list[Jud
     proved = [item for item in judged if item.proved]
     own = [item for item in proved if item.own]
     about = "this gain" + ("" if law.kind == "periodic" else f", periods from {law.T_min}")
-    for method in (METHOD, CLOCK):
+    for method in (METHOD, CLOCK, PLANAR):
         best = _longest([item for item in own if item.method == method])
-        if family.method in ("best", method) and (method == CLOCK or law.kind == "periodic"):
+        asked = family.method in ("best", method) and (method == CLOCK or law.kind == "periodic")
+        if asked if method != PLANAR else best is not None:
             bounds[f"period_max.{method}"] = Bound(None if best is None else _T(best), None, "s", method, about)
     best = _longest(own)
     failing = smallest_refuted(lambda T: _closed(plant, K, law.with_period(T)), None if best is None else best.T, effort)

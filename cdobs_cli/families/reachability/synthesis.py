@@ -12,12 +12,13 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify import clock
+from cdobs_cli.certify import clock, planar
 from cdobs_cli.design import Design
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text
 from cdobs_cli.families.reachability.continuous import reference
 from cdobs_cli.families.reachability.detectability import undetectable
 from cdobs_cli.families.reachability.observer import inclusion
+from cdobs_cli.families.reachability.planar_design import PlanarSearch
 from cdobs_cli.families.reachability.proof import METHOD
 from cdobs_cli.families.reachability.set_design import Found, SetSearch
 from cdobs_cli.families.reachability.sets import box_holds
@@ -53,6 +54,7 @@ class _Synthesis:
         self.by_set = family.method in ("best", "set") and self.law.kind == "periodic"
         self.by_clock = family.method in ("best", "clock")
         self.search = SetSearch(family, plant, effort)
+        self.planar = PlanarSearch(self._closed_at, self.law.T_max, plant.C) if family.method == "best" and self.by_set else None
 
     def run(self) -> Design:
         if self.family.gain is not None:
@@ -89,22 +91,28 @@ class _Synthesis:
         T = self.law.T_max
         match self.family.objective:
             case "given_period":
-                by_set = self._from_set(self.search.gain_at(T), 1.0) if self.by_set else None
-                yield by_set
-                if by_set is None and self.by_clock:
-                    yield self._from_clock(clock.design_impulsive(self._open_loop(T), self.effort), 0.0)
+                found = self._from_set(self.search.gain_at(T), 1.0) if self.by_set else None
+                if found is None and self.by_clock:
+                    found = self._from_clock(clock.design_impulsive(self._open_loop(T), self.effort), 0.0)
+                if found is None and self.planar is not None:
+                    found = _exact(self.planar.gain_at(T), 0.0)
+                yield found
             case "max_period":
                 if self.by_set:
-                    found = self.search.largest_any(T)
-                    yield self._from_set(found, float(found.proof.delta) if found else 0.0)
+                    by_set = self.search.largest_any(T)
+                    yield self._from_set(by_set, float(by_set.proof.delta) if by_set else 0.0)
                 if self.by_clock:
                     longest = clock.largest_period_design(self._open_loop, T, self.effort)
                     if longest is not None and float(longest[0]) >= float(T):
                         yield self._from_clock(longest[1], float(longest[0]))
+                if self.planar is not None:
+                    exact = _exact(self.planar.largest_any(), 0.0)
+                    if exact is not None and float(exact.certificate.sampling.T_max) >= float(T):
+                        yield replace(exact, merit=float(exact.certificate.sampling.T_max))
             case "decay_rate":
                 if self.by_set:
-                    found = self.search.gain_at(T, fast=True)
-                    yield self._from_set(found, _rate(found.certificate) if found else 0.0)
+                    by_set = self.search.gain_at(T, fast=True)
+                    yield self._from_set(by_set, _rate(by_set.certificate) if by_set else 0.0)
                 if self.by_clock:
                     yield self._fastest_clock(T)
 
@@ -142,37 +150,44 @@ class _Synthesis:
 
     def _at(self, K: ExactMatrix, law: SamplingLaw, without: str = "") -> tuple[Certificate, ...]:
         """Certificates of a gain for one law, by each method."""
-        certificates = []
+        certificates: list[Certificate | None] = []
         if self.by_set and without != METHOD:
             found = self.search.certificate_at(law.T_max, K)
-            certificates += [found.certificate] if found else []
-        if self.by_clock and without in ("", METHOD):
-            certificate = clock.analyse(self._closed(K, law), self.effort)
-            certificates += [certificate] if certificate else []
-        return tuple(certificates)
+            certificates.append(found.certificate if found else None)
+        if self.by_clock and without in ("", METHOD, planar.METHOD):
+            certificates.append(clock.analyse(self._closed(K, law), self.effort))
+        if self.planar is not None and self.planar.applies and without != planar.METHOD:
+            certificates.append(planar.analyse(self._closed(K, law)))
+        return tuple(certificate for certificate in certificates if certificate is not None)
 
     def _ladder(self, K: ExactMatrix, law: SamplingLaw, done: set[str]) -> tuple[Certificate, ...]:
         """For each method the certificate with the largest period that it proves for this gain."""
-        certificates = []
+        certificates: list[Certificate | None] = []
         if self.by_set and METHOD not in done:
             found = self.search.largest_for(K, law.T_max)
-            certificates += [found.certificate] if found else []
-        if self.by_clock and not (done - {METHOD}):
-            longest = clock.largest_period(lambda T: self._closed(K, self.law.with_period(T)), law.T_max, self.effort)
-            certificates += [longest[1]] if longest else []
-        return tuple(certificates)
+            certificates.append(found.certificate if found else None)
+        if self.planar is not None and planar.METHOD not in done:
+            certificates.append(self.planar.largest_for(K))
+        if self.by_clock and done <= {METHOD, planar.METHOD}:
+            longest = clock.largest_period(lambda T: self._closed_at(K, T), law.T_max, self.effort)
+            certificates.append(longest[1] if longest else None)
+        return tuple(certificate for certificate in certificates if certificate is not None)
 
     def _any_gain(self) -> tuple[Certificate, ...]:
         """The largest period of the set over all gains, where that is quick."""
         quick = self.plant.n <= SMALL and (is_chain(self.plant) or not self.plant.slopes.uncertain)
         if not self.by_set or not quick or (self.family.objective == "max_period" and self.family.gain is None):
             return ()
-        found = self.search.largest_any(self.law.T_max)
-        return (_of_another_gain(Candidate(found.K, found.certificate, 0.0)),) if found else ()
+        longest = self.search.largest_any(self.law.T_max)
+        exact = _exact(self.planar.largest_any(), 0.0) if self.planar is not None else None
+        return tuple(_of_another_gain(found) for found in (self._from_set(longest, 0.0), exact) if found is not None)
 
     def _open_loop(self, T: Exact) -> HybridInclusion:
         zero = ExactMatrix([[0] * self.plant.p for _ in range(self.plant.n)])
         return self._closed(zero, self.law.with_period(T))
+
+    def _closed_at(self, K: ExactMatrix, T: Exact) -> HybridInclusion:
+        return self._closed(K, self.law.with_period(T))
 
     def _closed(self, K: ExactMatrix, law: SamplingLaw) -> HybridInclusion:
         return inclusion(replace(self.plant, sampling=law), {"K": K})
@@ -188,6 +203,10 @@ class _Synthesis:
         }
         more = "a longer effort, a shorter period or smaller slopes may"
         return f"{asked[self.family.method]} gave no gain with a proof at T = {T}; {more} give one"
+
+
+def _exact(found: tuple[ExactMatrix, Certificate] | None, merit: float) -> Candidate | None:
+    return None if found is None else Candidate(found[0], found[1], merit)
 
 
 def _of_another_gain(candidate: Candidate) -> Certificate:

@@ -97,9 +97,19 @@ def test_five_states_at_a_given_period():
 def test_best_takes_the_better_proof():
     _, by_set = run(Reachability(objective="max_period", method="set"), PENDULUM)
     _, best = run(Reachability(objective="max_period"), PENDULUM)
-    assert bound(best, "period_max") > 1.6 > bound(by_set, "period_max")
-    assert best.claim("convergence").by == "clock"
-    assert bound(best, "period_max") < 1.713057392453498  # above it no gain with K1 = 1 survives
+    assert bound(best, "period_max") >= 1.7130 > 1.6 > bound(by_set, "period_max")
+    assert best.claim("convergence").by == "planar"
+    # Above the root of sinh(delta - s) = sin(s), s = acot(tanh(delta / 2)), no gain with K1 = 1 survives.
+    assert bound(best, "period_max") < 1.713057392453498 < float(best.bounds["period_max"].refuted) < 1.7132
+    assert float(best.bounds["period_max_any_gain"].proved) < 1.713057392453498
+
+
+def test_the_clock_alone():
+    _, check = run(Reachability(objective="max_period", method="clock"), PENDULUM)
+    assert check.claim("convergence").by == "clock"
+    assert 1.63 <= bound(check, "period_max") < 1.6672
+    assert set(check.bounds) >= {"period_max", "period_max.clock"}
+    assert "period_max.set" not in check.bounds
 
 
 def test_decay_rate_is_no_worse_than_at_the_given_period():
