@@ -248,8 +248,8 @@ def _bounds(family: Reachability, plant: Plant, K: ExactMatrix, judged: list[Jud
     about = "this gain" + ("" if law.kind == "periodic" else f", periods from {law.T_min}")
     for method in (METHOD, CLOCK, PLANAR):
         best = _longest([item for item in own if item.method == method])
-        asked = family.method in ("best", method) and (method == CLOCK or law.kind == "periodic")
-        if asked if method != PLANAR else best is not None:
+        tried = {METHOD: law.kind == "periodic", CLOCK: all(item.method != PLANAR for item in own), PLANAR: False}[method]
+        if best is not None or family.method == method or (family.method == "best" and tried):
             bounds[f"period_max.{method}"] = Bound(None if best is None else _T(best), None, "s", method, about)
     best = _longest(own)
     failing = smallest_refuted(lambda T: _closed(plant, K, law.with_period(T)), None if best is None else best.T, effort)

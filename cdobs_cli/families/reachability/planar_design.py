@@ -17,7 +17,8 @@ from cdobs_cli.hybrid import HybridInclusion
 Closed = Callable[[ExactMatrix, Exact], HybridInclusion]
 T_ = TypeVar("T_")
 
-REACH = 20  # periods are looked for from a fiftieth of the asked one to twenty times it
+# Limits are looked for from a thousandth of these multiples of the asked period: from half of it, else far below.
+REACH = (500, 5)
 DIGITS = (5, 7, 9, 11)
 
 
@@ -32,6 +33,10 @@ class PlanarSearch:
         self.applies = C.shape == (1, 2) and C[0, 0].sign() not in (0, None) and C[0, 1].sign() == 0 and C[0, 0].rational is not None
         self.known = planar.planar_class(closed(self._gain(Fraction(0), 5), T)) if self.applies else None
         self.applies = self.known is not None
+
+    def covers(self, K: ExactMatrix | None) -> bool:
+        """Whether the exact limit is known for this gain; for the gains with K_1 = 1 where none is given."""
+        return self.known is not None and (K is None or planar.cleared_gain(self.closed(K, self.T)) is not None)
 
     def _gain(self, K_2: Fraction, digits: int) -> ExactMatrix:
         c = self.C[0, 0].rational
@@ -55,8 +60,8 @@ class PlanarSearch:
         """The largest period at which some gain is proved, and that gain."""
         if self.known is None:
             return None
-        limit = planar.limit_any_gain(self.known[0], REACH * float(self.T))
-        return self._last(limit, self.gain_at)
+        family = self.known[0]
+        return self._last(lambda below: planar.limit_any_gain(family, below), self.gain_at)
 
     def largest_for(self, K: ExactMatrix) -> Certificate | None:
         """The certificate of a given gain at the largest period at which it is proved."""
@@ -66,11 +71,12 @@ class PlanarSearch:
         if K_2 is None:
             return None
         family, b = self.known
-        limit = planar.limit_of_gain(family, float(arb(K_2 * b).mid()), REACH * float(self.T))
-        return self._last(limit, lambda T: planar.analyse(self.closed(K, T)))
+        scaled = float(arb(K_2 * b).mid())
+        return self._last(lambda below: planar.limit_of_gain(family, scaled, below), lambda T: planar.analyse(self.closed(K, T)))
 
-    @staticmethod
-    def _last(limit: float, prove: Callable[[Exact], T_ | None]) -> T_ | None:
+    def _last(self, limit_below: Callable[[float], float], prove: Callable[[Exact], T_ | None]) -> T_ | None:
+        """The proof at the limit rounded down, a little below it where balls cannot tell."""
+        limit = next((value for value in (limit_below(reach * float(self.T)) for reach in REACH) if value > 0), 0.0)
         for backed_off in (Fraction(0), Fraction(1, 10**5), Fraction(1, 10**4)):
             T = rounded_down(Fraction(limit) * (1 - backed_off), 6)
             found = prove(T) if T.sign() == 1 else None

@@ -55,6 +55,10 @@ class _Synthesis:
         self.by_clock = family.method in ("best", "clock")
         self.search = SetSearch(family, plant, effort)
         self.planar = PlanarSearch(self._closed_at, self.law.T_max, plant.C) if family.method == "best" and self.by_set else None
+        # Where the exact limit is known no other certificate reaches further, and none is looked for.
+        given = family.gain.K if family.gain else None
+        if self.planar is not None and family.objective != "decay_rate" and self.planar.covers(given):
+            self.by_clock = False
 
     def run(self) -> Design:
         if self.family.gain is not None:
