@@ -5,30 +5,33 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cdobs_cli.errors import ArtefactError, CdobsError, ExitCode, SpecError, UsageError
-from cdobs_cli.outcome import Message, Result, ResultStatus, exit_code
+from cdobs_cli.errors import INTERRUPTED, ArtefactError, CdobsError, ExitCode, Problem, SpecError, ToolError, UsageError
+from cdobs_cli.outcome import Message, Result, ResultStatus, exit_code, failure
 
 if TYPE_CHECKING:
     from cdobs_cli.console import Console
-    from cdobs_cli.errors import Problem
     from cdobs_cli.pipeline import Work
     from cdobs_cli.spec.model import Spec
 
 SPEC_SUFFIXES = (".yaml", ".yml")
+PLANT_SUFFIXES = (".plant.yaml", ".plant.yml")
 
 
 @dataclass(frozen=True)
 class Job:
-    """One spec and the folder of its artefacts."""
+    """One spec and the folder of its artefacts; or a path that cannot be carried out, and why."""
 
     spec: Path
     folder: Path
+    refused: str | None = None
 
 
 @dataclass(frozen=True)
@@ -45,57 +48,65 @@ class Settings:
 
 
 def jobs(paths: Iterable[Path], out: Path) -> list[Job]:
-    """The specs that the paths mean, in a stable order, each once.
+    """The specs that the paths mean, in a stable order, each once; never empty for a path.
 
-    Raises:
-        UsageError: a path that does not exist, a directory without a spec, two specs for one folder.
+    A directory without a spec, a folder that cannot be read, and a spec whose results would fall on those of
+    another are jobs too, `refused`: they cost an exit code, and the others are carried out.
     """
     found: dict[Path, Job] = {}
+    owners: dict[Path, Path] = {}
     for path in paths:
-        specs = _below(path, out) if path.is_dir() else [path]
-        if not specs:
-            raise UsageError(f"{path}: no spec (*.yaml, *.yml) below this directory")
-        for spec in specs:
-            relative = spec.relative_to(path).parent if path.is_dir() else Path()
-            found.setdefault(spec.resolve(), Job(spec, out / relative / spec.stem))
-    folders: dict[Path, Path] = {}
-    for job in found.values():
-        other = folders.setdefault(job.folder, job.spec)
-        if other != job.spec:
-            raise UsageError(f"{other} and {job.spec} would both write {job.folder}; give one of them another name or another --out")
+        for job in _below(path, out) if path.is_dir() else [Job(path, out / path.stem)]:
+            if job.spec.absolute() in found:
+                continue
+            owner = owners.setdefault(job.folder, job.spec) if job.refused is None else job.spec
+            if owner.resolve() != job.spec.resolve():
+                told = f"{owner} has its results in {job.folder} already; give one of them another name or another --out"
+                job = replace(job, refused=told)
+            elif owner != job.spec:
+                continue  # the same file by another name
+            found[job.spec.absolute()] = job
     return list(found.values())
 
 
-def _below(folder: Path, out: Path) -> list[Path]:
-    results, specs = out.resolve(), []
-    for place, folders, files in os.walk(folder):
+def _below(top: Path, out: Path) -> list[Job]:
+    """The jobs of a directory: sorted by path; links to directories are not followed."""
+    results, specs, refused = out.resolve(), [], []
+
+    def unreadable(error: OSError) -> None:
+        refused.append(Job(Path(error.filename or top), out, f"cannot be read: {error.strerror or error}"))
+
+    for place, folders, files in os.walk(top, onerror=unreadable):
         folders[:] = sorted(name for name in folders if not name.startswith(".") and (Path(place) / name).resolve() != results)
-        for name in sorted(files):
-            if name.endswith(SPEC_SUFFIXES) and not name.startswith(".") and not name.endswith((".plant.yaml", ".plant.yml")):
+        for name in files:
+            if name.endswith(SPEC_SUFFIXES) and not name.startswith(".") and not name.endswith(PLANT_SUFFIXES):
                 specs.append(Path(place) / name)
-    return sorted(specs)
+    if not specs and not refused:
+        return [Job(top, out, "no spec (*.yaml, *.yml) below this directory")]
+    return [*refused, *(Job(spec, out / spec.relative_to(top).with_suffix("")) for spec in sorted(specs))]
 
 
 def run(job: Job, stages: tuple[str, ...], settings: Settings) -> Result:
     """Carry out the stages on one spec. Every failure becomes a Result; only KeyboardInterrupt passes."""
     start = time.perf_counter()
     try:
+        if job.refused is not None:
+            raise UsageError(job.refused)
         result = _run(job, stages, settings)
     except UsageError as error:
-        result = Result(str(job.spec), "invalid", (Message("error", str(error), rule="command"),))
+        result = Result(str(job.spec), "invalid", (Message("error", str(error), str(job.spec), rule="command"),))
     except SpecError as error:
         result = Result(str(job.spec), "invalid", tuple(Message.from_problem(problem) for problem in error.problems))
     except ArtefactError as error:
         result = Result(str(job.spec), "invalid", (Message("error", str(error), str(job.spec), rule="artefact"),))
     except CdobsError as error:
-        result = Result(str(job.spec), "failed", (Message("error", str(error), str(job.spec), rule="tool"),))
+        result = failure(str(job.spec), str(error))
     except (Exception, RecursionError, MemoryError) as error:
         if settings.verbose:
             import traceback
 
             traceback.print_exc(file=sys.stderr)
-        text = f"internal error, {type(error).__name__}: {error}; please report it (-v prints where it happened)"
-        result = Result(str(job.spec), "failed", (Message("error", text, str(job.spec), rule="tool"),))
+        result = failure(str(job.spec), f"internal error, {type(error).__name__}: {error}; please report it (-v prints where it happened)")
     return replace(result, seconds=time.perf_counter() - start)
 
 
@@ -133,12 +144,14 @@ def _placed(problem: Problem, spec: Spec) -> Problem:
 
 
 def _told(work: Work, job: Job, stages: tuple[str, ...], settings: Settings) -> dict[str, object]:
-    """The lines for people, and the row of the index page."""
-    from cdobs_cli.pipeline import report_model
-    from cdobs_cli.report.text import summary_lines
+    """The lines for people, what was expected, and the row of the index page."""
+    from cdobs_cli.findings import decided
+    from cdobs_cli.pipeline import documents, report_model
+    from cdobs_cli.report.summary import headline, summary_lines
 
     report = report_model(work, {})
-    told: dict[str, object] = {"summary": tuple(summary_lines(report))}
+    expected = tuple(Problem(outcome.expectation.field, "").path for outcome in decided(work.spec, documents(work), frozenset(stages)))
+    told: dict[str, object] = {"summary": tuple(summary_lines(report)), "headline": headline(report), "expected": expected}
     if "report" in stages:
         from cdobs_cli.report.index import IndexEntry
 
@@ -150,26 +163,40 @@ def _told(work: Work, job: Job, stages: tuple[str, ...], settings: Settings) -> 
 def carry_out(command: str, paths: Sequence[Path], stages: tuple[str, ...], settings: Settings, console: Console) -> ExitCode:
     """Carry out a command on every spec the paths mean; the largest exit code wins, every spec is processed.
 
-    Raises:
-        UsageError: the paths mean no spec.
+    After an interrupt, what has ended is told as it is, and the rest as failed.
     """
     todo = jobs(paths, settings.out)
     results: dict[int, Result] = {}
-    with console.following([str(job.spec) for job in todo]) as follow:
-        for number, result in _each(todo, stages, settings, follow.started):
-            results[number] = result
-            follow.ended(number, result)
-    ordered = [results[number] for number in range(len(todo))]
-    if "report" in stages and any(path.is_dir() for path in paths):
-        _write_index(ordered, settings.out)
+    interrupted = False
+    with console.following([str(job.spec) for job in todo]) as follow, closing(_each(todo, stages, settings, follow.started)) as ended:
+        try:
+            for number, result in ended:
+                results[number] = result
+                follow.ended(number, result)
+        except KeyboardInterrupt:
+            interrupted = True
+    ordered = [results.get(number) or failure(str(job.spec), INTERRUPTED) for number, job in enumerate(todo)]
+    if "report" in stages and not interrupted and any(path.is_dir() for path in paths):
+        try:
+            _write_index(ordered, settings.out)
+        except ToolError as error:
+            ordered.append(failure(str(settings.out / "index.html"), str(error)))
+            console.show(ordered[-1])
     code = exit_code(ordered)
+    if interrupted:
+        console.warn(INTERRUPTED)
     console.finish(command, ordered, code)
     return code
 
 
-def _each(todo: list[Job], stages: tuple[str, ...], settings: Settings, started: Callable[[int], None]) -> Iterator[tuple[int, Result]]:
+def _each(
+    todo: list[Job], stages: tuple[str, ...], settings: Settings, started: Callable[[int], None]
+) -> Generator[tuple[int, Result], None, None]:
     call = partial(run, stages=stages, settings=settings)
-    if settings.time_limit is not None or (stages and len(todo) > 1):
+    if stages or settings.time_limit is not None:
+        # What every worker needs is loaded once, before they part.
+        for module in ("cdobs_cli.spec.model", *(("cdobs_cli.report.index",) if "report" in stages else ())):
+            import_module(module)
         from cdobs_cli.isolation import each_isolated
 
         yield from each_isolated(todo, call, workers=settings.jobs, time_limit=settings.time_limit, started=started)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 from enum import StrEnum
+from io import TextIOWrapper
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from cdobs_cli import __version__
-from cdobs_cli.errors import CdobsError, ExitCode
+from cdobs_cli.errors import INTERRUPTED, CdobsError, ExitCode
 
 app = typer.Typer(
     name="cdobs",
@@ -60,7 +63,7 @@ def _carry_out(
     from cdobs_cli.batch import Settings, carry_out
     from cdobs_cli.console import Console
 
-    console = Console(output.value, quiet=quiet, no_color=no_color)
+    console = Console(output.value, quiet=quiet, no_color=no_color, verbose=bool(settings["verbose"]))
     raise typer.Exit(carry_out(command, paths, stages, Settings(**settings), console))  # type: ignore[arg-type]
 
 
@@ -176,23 +179,55 @@ def theorems(output: Annotated[Plain, typer.Option("--format", help="Format of s
 
 def run() -> None:
     """Parse the command line and exit: usage errors are 2, errors with a message keep their code."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # names of files need not be text
+    try:
+        sys.exit(_code())
+    except BrokenPipeError:
+        # Nobody reads on; what Python would still write on its way out goes nowhere.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        sys.exit(ExitCode.FAILED)
+
+
+def _code() -> int:
     try:
         code = app(standalone_mode=False)
     except CdobsError as error:
-        print(f"cdobs: {error}", file=sys.stderr)  # noqa: T201
-        sys.exit(error.exit_code)
-    except BrokenPipeError:
-        sys.stderr.close()
-        sys.exit(ExitCode.FAILED)
+        return _refused(f"cdobs: {error}", str(error), error.exit_code)
     except (KeyboardInterrupt, typer.Abort):
         code = _INTERRUPTED
+    except BrokenPipeError:
+        raise
     except Exception as error:
         show = getattr(error, "show", None)
-        if show is None:
-            raise
-        show()
-        sys.exit(ExitCode.INVALID)
+        if show is not None:  # a mistake in the command line, told by typer
+            show()
+            return _refused("", getattr(error, "format_message", error.__str__)(), ExitCode.INVALID)
+        if {"-v", "--verbose"} & set(sys.argv):
+            import traceback
+
+            traceback.print_exc()
+        text = f"internal error, {type(error).__name__}: {error}; please report it (-v prints where it happened)"
+        return _refused(f"cdobs: {text}", text, ExitCode.FAILED)
     if code == _INTERRUPTED:
-        print("cdobs: interrupted; what was written is whole, run again to go on", file=sys.stderr)  # noqa: T201
-        code = ExitCode.FAILED
-    sys.exit(code if isinstance(code, int) else ExitCode.HOLDS)
+        return _refused(f"cdobs: {INTERRUPTED}", INTERRUPTED, ExitCode.FAILED)
+    return code if isinstance(code, int) else ExitCode.HOLDS
+
+
+def _refused(line: str, text: str, code: ExitCode) -> ExitCode:
+    """What ends a command as a whole: a line for people, and a document where one was asked for."""
+    if line:
+        print(line, file=sys.stderr)  # noqa: T201
+    words = [word for argument in sys.argv[1:] for word in argument.split("=", 1)]
+    wanted = words[words.index("--format") + 1] if "--format" in words[:-1] else "text"
+    if wanted in {one.value for one in Format} - {"text"}:
+        from cdobs_cli.formats import render
+        from cdobs_cli.outcome import Message, Result
+
+        status: Literal["invalid", "failed"] = "invalid" if code == ExitCode.INVALID else "failed"
+        message = Message("error", text, rule="command" if status == "invalid" else "tool")
+        command = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
+        typer.echo(render(wanted, command, [Result("command line", status, (message,))], code))
+    return code

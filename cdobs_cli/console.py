@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 from cdobs_cli.errors import ExitCode
 from cdobs_cli.outcome import Result
@@ -17,40 +17,59 @@ if TYPE_CHECKING:
 
 _COLOURS = {"proved": "32", "ok": "32", "refuted": "31", "failed": "31", "invalid": "31", "undecided": "33", "finding": "33"}
 
+_STYLES = {"ok": "green", "finding": "yellow", "invalid": "red", "failed": "red"}
+
 
 @dataclass
 class Console:
     """One command's output.
 
-    text: a summary of each spec on stdout, findings on stderr, in the order of the specs. The other
-    formats: findings on stderr, one document on stdout at the end.
+    text: what became of each spec on stdout, in the order of the specs: a summary of a single one, one line of
+    each of several (with `verbose` its summary too). The other formats: one document on stdout at the end.
+    Findings and progress go to stderr.
     """
 
     format: str = "text"
     quiet: bool = False
     no_color: bool = False
+    verbose: bool = False
 
     @contextmanager
     def following(self, specs: list[str]) -> Iterator[Follow]:
-        """Follow a batch: a live table on terminals, one line a spec in logs."""
+        """Follow a batch: a live table on terminals, one line a spec in logs. What a live table held back
+        is shown when the block ends, however it ends."""
         follow = Follow(self, specs)
-        if sys.stderr.isatty() and not self.quiet:
+        if not _is_terminal(sys.stderr) or self.quiet or len(specs) < 2:
+            yield follow
+            return
+        try:
             with _live(self) as live:
                 follow.live = live
                 yield follow
-        else:
-            yield follow
+        finally:
+            follow.live = None
+            follow.show_ended()
 
-    def show(self, result: Result) -> None:
+    def show(self, result: Result, *, several: bool = False) -> None:
         """A spec has ended."""
         sys.stdout.flush()
         for message in result.messages:
             print(f"{self._paint(message.severity, '31', sys.stderr)}: {message}", file=sys.stderr)
         sys.stderr.flush()
-        if self.format == "text" and not (self.quiet and result.status == "ok"):
-            print(f"{self._word(result.status)}  {result.spec}  ({result.seconds:.1f} s)")
-            for line in result.summary if not self.quiet else ():
-                print(f"  {self._coloured(line)}")
+        if self.quiet and (result.status == "ok" or self.format != "text"):
+            return
+        if self.format == "text":
+            print(self._line(result, sys.stdout, headline=several))
+            if not self.quiet and (self.verbose or not several):
+                for line in result.summary:
+                    print(f"  {self._coloured(line)}")
+            sys.stdout.flush()
+        elif several:
+            print(self._line(result, sys.stderr, headline=True), file=sys.stderr, flush=True)
+
+    def warn(self, text: str) -> None:
+        """Something about the whole command."""
+        print(f"cdobs: {text}", file=sys.stderr, flush=True)
 
     def finish(self, command: str, results: list[Result], code: ExitCode) -> None:
         """The command has ended: print the document, or the count."""
@@ -63,17 +82,19 @@ class Console:
             print(render(self.format, command, results, code))
         sys.stdout.flush()
 
-    def _colour(self, stream: Any) -> bool:
-        return bool(stream.isatty()) and not self.no_color and not os.environ.get("NO_COLOR")
+    def _line(self, result: Result, stream: TextIO, *, headline: bool) -> str:
+        told = f"  {result.headline}" if headline and result.headline else ""
+        return f"{self._word(result.status, stream)}  {result.spec}{told}  ({result.seconds:.1f} s)"
 
-    def _paint(self, text: str, code: str, stream: Any) -> str:
-        return f"\033[{code}m{text}\033[0m" if self._colour(stream) else text
+    def _paint(self, text: str, code: str, stream: TextIO) -> str:
+        colour = stream.isatty() and not self.no_color and not os.environ.get("NO_COLOR")
+        return f"\033[{code}m{text}\033[0m" if colour else text
 
-    def _word(self, word: str) -> str:
-        return self._paint(word, _COLOURS[word], sys.stdout) if word in _COLOURS else word
+    def _word(self, word: str, stream: TextIO) -> str:
+        return self._paint(word, _COLOURS[word], stream) if word in _COLOURS else word
 
     def _coloured(self, line: str) -> str:
-        return " ".join(self._word(word) for word in line.split(" "))
+        return " ".join(self._word(word, sys.stdout) for word in line.split(" "))
 
 
 @dataclass
@@ -94,34 +115,64 @@ class Follow:
     def ended(self, number: int, result: Result) -> None:
         self._running.pop(number, None)
         self._ended[number] = result
-        while self._shown in self._ended:
-            self.console.show(self._ended[self._shown])
-            self._shown += 1
+        if self.live is None:
+            self.show_ended()
         self._refresh()
+
+    def show_ended(self) -> None:
+        """Show what is next in order."""
+        while self._shown in self._ended:
+            self.console.show(self._ended[self._shown], several=len(self.specs) > 1)
+            self._shown += 1
 
     def _refresh(self) -> None:
         if self.live is not None:
-            self.live.update(_table(self.specs, list(self._running), list(self._ended.values())), refresh=True)
+            self.live.update(_table(self, self.live.console.height - 2), refresh=True)
+
+    def rows(self) -> Iterator[tuple[str, str, str]]:
+        """(status, spec, what is known), the latest to end last, then what is running."""
+        for number, result in self._ended.items():
+            yield result.status, self.specs[number], result.headline or "; ".join(message.text for message in result.messages)
+        for number in self._running:
+            yield "running", self.specs[number], ""
+
+    def count(self) -> str:
+        """`3/11  2 ok, 1 finding`."""
+        ended = list(self._ended.values())
+        return f"{len(ended)}/{len(self.specs)}  {_counts(ended)}"
 
 
 def count(results: list[Result]) -> str:
     """`3 ok, 1 finding of 4 specs`."""
+    return f"{_counts(results)} of {len(results)} specs"
+
+
+def _counts(results: list[Result]) -> str:
     counts = {status: sum(result.status == status for result in results) for status in ("ok", "finding", "invalid", "failed")}
-    return ", ".join(f"{number} {status}" for status, number in counts.items() if number) + f" of {len(results)} specs"
+    return ", ".join(f"{number} {status}" for status, number in counts.items() if number)
+
+
+def _is_terminal(stream: TextIO) -> bool:
+    return stream.isatty() and os.environ.get("TERM") not in ("dumb", "unknown")
 
 
 def _live(console: Console) -> Live:
     from rich.console import Console as RichConsole
     from rich.live import Live
 
-    return Live(console=RichConsole(stderr=True, no_color=console.no_color or None), transient=True, auto_refresh=False)
+    # stdout is for data: nothing that is printed there may take the way over the table.
+    screen = RichConsole(stderr=True, no_color=console.no_color or None)
+    return Live(console=screen, transient=True, auto_refresh=False, redirect_stdout=False, redirect_stderr=False)
 
 
-def _table(specs: list[str], running: list[int], ended: list[Result]) -> Any:
+def _table(follow: Follow, height: int) -> Any:
     from rich.table import Table
+    from rich.text import Text
 
     table = Table(box=None, show_header=False, pad_edge=False)
-    for number in running:
-        table.add_row("running", specs[number])
-    table.add_row(f"{len(ended)}/{len(specs)}", count(ended) if ended else "")
+    for _ in range(3):
+        table.add_column(no_wrap=True, overflow="ellipsis")
+    for status, spec, told in list(follow.rows())[-max(1, height - 1) :]:
+        table.add_row(Text(status, style=_STYLES.get(status, "")), Text(spec), Text(told))
+    table.add_row("", Text(follow.count()), "")
     return table

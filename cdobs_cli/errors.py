@@ -14,6 +14,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
+INTERRUPTED = "interrupted; what was written is whole, run again to go on"
+
 
 class ExitCode(IntEnum):
     """Exit codes of every command, whatever the output format."""

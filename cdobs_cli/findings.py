@@ -53,7 +53,10 @@ def _place(spec: Spec, claim: str) -> Field:
     if claim.startswith("slopes."):
         i, j = claim.split(".")[1:3]
         return ("plant", "lipschitz", int(i) - 1, int(j) - 1)
-    return ("observer", "gain") if getattr(spec.observer, "gain", None) is not None else ("measurement", "sampling")
+    if getattr(spec.observer, "gain", None) is not None:
+        return ("observer", "gain")
+    law = spec.plant.sampling.kind
+    return ("measurement", "sampling", {"periodic": "period", "aperiodic": "max_period"}.get(law, law))
 
 
 def _without_design(spec: Spec, design: dict[str, Any] | None, named: set[str]) -> Iterator[Message]:

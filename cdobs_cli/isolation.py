@@ -1,4 +1,4 @@
-"""One spec, one process: a crash, a limit or an interrupt touches that spec only."""
+"""Specs in worker processes: a crash, a limit or an interrupt touches one spec only."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import multiprocessing
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Any
 
-from cdobs_cli.outcome import Message, Result
+from cdobs_cli.outcome import Message, Result, failure
 
 if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
@@ -19,95 +20,135 @@ if TYPE_CHECKING:
     from cdobs_cli.batch import Job
 
 GRACE = 2.0  # seconds between asking a process to end and killing it
+LONGEST = 86_400.0  # seconds that one wait may take; longer limits wait again
+Call = Callable[["Job"], Result]
 
 
 @dataclass
-class _Running:
-    number: int
-    job: Job
+class _Worker:
+    """A process that takes one job after the other, so that each loads its modules once."""
+
     process: BaseProcess
     pipe: Connection
-    started: float
+    number: int | None = None
+    started: float = 0.0
+
+    def late(self, time_limit: float | None) -> bool:
+        return self.number is not None and time_limit is not None and time.monotonic() >= self.started + time_limit
 
 
 def each_isolated(
-    jobs: Sequence[Job],
-    call: Callable[[Job], Result],
-    *,
-    workers: int,
-    time_limit: float | None,
-    started: Callable[[int], None],
-) -> Iterator[tuple[int, Result]]:
+    jobs: Sequence[Job], call: Call, *, workers: int, time_limit: float | None, started: Callable[[int], None]
+) -> Generator[tuple[int, Result], None, None]:
     """(number, Result) of every job as it ends, `workers` at a time.
 
     A job that outlives `time_limit` seconds is ended and left undecided; one whose process dies is a
-    failed row. Closing the iterator ends what is still running.
+    failed row; the next job then gets a new process. Closing the iterator ends what is still running.
     """
-    # A forked process has everything loaded already; where there is no fork, a new interpreter must do.
-    context = multiprocessing.get_context("fork" if "fork" in multiprocessing.get_all_start_methods() else "spawn")
-    waiting = list(enumerate(jobs))[::-1]
-    running: list[_Running] = []
+    waiting = list(range(len(jobs)))[::-1]
+    pool: list[_Worker] = []
     try:
-        while waiting or running:
-            while waiting and len(running) < workers:
-                number, job = waiting.pop()
-                receiver, sender = context.Pipe(duplex=False)
-                process = context.Process(target=_child, args=(sender, call, job), daemon=True)  # type: ignore[attr-defined]
-                process.start()
-                sender.close()
-                running.append(_Running(number, job, process, receiver, time.monotonic()))
-                started(number)
-            for one in _ended(running, time_limit):
-                running.remove(one)
-                yield one.number, _result(one, time_limit)
+        while waiting or any(worker.number is not None for worker in pool):
+            while waiting and sum(worker.number is not None for worker in pool) < workers:
+                worker = next((one for one in pool if one.number is None), None) or _start(call, pool)
+                worker.number, worker.started = waiting.pop(), time.monotonic()
+                started(worker.number)
+                _hand_over(worker, jobs[worker.number])
+            for worker in _ended(pool, time_limit):
+                number, result = worker.number, _result(worker, jobs, time_limit)
+                assert number is not None
+                worker.number = None
+                if not worker.process.is_alive():
+                    pool.remove(worker)
+                yield number, result
     finally:
-        for one in running:
-            _end(one.process)
+        for worker in pool:
+            worker.pipe.close()
+            if worker.number is not None:
+                worker.process.terminate()
+        for worker in pool:
+            _end(worker.process)
 
 
-def _ended(running: list[_Running], time_limit: float | None) -> list[_Running]:
-    now = time.monotonic()
-    patience = None if time_limit is None else max(0.0, min(one.started + time_limit - now for one in running))
-    ready = wait([one.pipe for one in running], patience)
-    now = time.monotonic()
-    return [one for one in running if one.pipe in ready or (time_limit is not None and now >= one.started + time_limit)]
+def _start(call: Call, pool: list[_Worker]) -> _Worker:
+    # A forked process has the modules of this one; where there is no fork, a new interpreter must do.
+    context = multiprocessing.get_context("fork" if "fork" in multiprocessing.get_all_start_methods() else "spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=_work, args=(theirs, call), daemon=True)  # type: ignore[attr-defined]
+    with _signals_held():
+        process.start()
+        theirs.close()
+        pool.append(_Worker(process, ours))
+    return pool[-1]
 
 
-def _result(one: _Running, time_limit: float | None) -> Result:
-    seconds = time.monotonic() - one.started
-    spec = str(one.job.spec)
-    if not one.pipe.poll():
-        _end(one.process)
-        text = f"undecided: not finished within {time_limit:g} s (--time-limit)"
-        return Result(spec, "finding", (Message("error", text, spec, rule="time-limit"),), seconds=seconds)
+@contextmanager
+def _signals_held() -> Iterator[None]:
+    """No interrupt between a process and its handlers, nor between a process and its place in the pool."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
     try:
-        result: Result = one.pipe.recv()
-        one.process.join()
-        return result
-    except EOFError:
-        one.process.join()
-        code = one.process.exitcode or 0
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _hand_over(worker: _Worker, job: Job) -> None:
+    try:
+        worker.pipe.send(job)
+    except OSError:
+        worker.process.join(GRACE)  # it died while it was idle: told as a dead process when its pipe is read
+
+
+def _ended(pool: list[_Worker], time_limit: float | None) -> list[_Worker]:
+    busy = [worker for worker in pool if worker.number is not None]
+    patience = LONGEST
+    if time_limit is not None:
+        patience = min(LONGEST, max(0.0, min(worker.started + time_limit for worker in busy) - time.monotonic()))
+    ready = wait([worker.pipe for worker in busy], patience)
+    return [worker for worker in busy if worker.pipe in ready or worker.late(time_limit)]
+
+
+def _result(worker: _Worker, jobs: Sequence[Job], time_limit: float | None) -> Result:
+    assert worker.number is not None
+    seconds, spec = time.monotonic() - worker.started, str(jobs[worker.number].spec)
+    try:
+        if worker.pipe.poll():
+            result: Result = worker.pipe.recv()
+            return result
+    except (EOFError, OSError):
+        worker.process.join()
+        code = worker.process.exitcode or 0
         how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
         text = f"its process ended with {how}; the other specs are not touched"
-        return Result(spec, "failed", (Message("error", text, spec, rule="tool"),), seconds=seconds)
+        return replace(failure(spec, text), seconds=seconds)
+    worker.process.terminate()
+    _end(worker.process)
+    text = f"undecided: not finished within {time_limit:g} s (--time-limit)"
+    return Result(spec, "finding", (Message("error", text, spec, rule="time-limit"),), seconds=seconds)
 
 
 def _end(process: BaseProcess) -> None:
-    process.terminate()
     process.join(GRACE)
     if process.is_alive():
         process.kill()
         process.join()
 
 
-def _child(pipe: Connection, call: Callable[[Job], Result], job: Job) -> None:
+def _work(pipe: Connection, call: Call) -> None:
     def stop(*_: Any) -> None:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
         raise KeyboardInterrupt  # unwinds, so that no temporary file stays behind
 
+    # Ctrl-C reaches the whole group: the parent alone decides what it means.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, stop)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})
     try:
-        pipe.send(call(job))
-    except KeyboardInterrupt:
-        os._exit(130)
-    finally:
-        pipe.close()
+        while True:
+            pipe.send(call(pipe.recv()))
+    except (KeyboardInterrupt, EOFError, OSError):
+        os._exit(0)  # asked to end, or nobody is left to be told

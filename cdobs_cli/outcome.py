@@ -48,7 +48,8 @@ class Message:
 class Result:
     """One spec's outcome: status, messages, and the artefacts as documents (None where there are none).
 
-    summary: lines for people. index: the row of the index page, once there is a report.
+    headline, summary: one line and a few lines for people. expected: names of the `expect` entries that were
+    decided. index: the row of the index page, once there is a report.
     """
 
     spec: str
@@ -57,7 +58,9 @@ class Result:
     design: dict[str, Any] | None = None
     check: dict[str, Any] | None = None
     simulation: dict[str, Any] | None = None
+    headline: str = ""
     summary: tuple[str, ...] = ()
+    expected: tuple[str, ...] = ()
     index: Any = None
     seconds: float = 0.0
 
@@ -70,6 +73,11 @@ class Result:
             "spec": self.spec, "status": self.status, "messages": [message.document() for message in self.messages],
             "design": self.design, "check": self.check, "simulation": self.simulation,
         }  # fmt: skip
+
+
+def failure(spec: str, text: str) -> Result:
+    """The tool failed on a spec."""
+    return Result(spec, "failed", (Message("error", text, spec, rule="tool"),))
 
 
 def exit_code(results: list[Result]) -> ExitCode:

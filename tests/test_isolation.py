@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import time
 from pathlib import Path
@@ -13,6 +14,7 @@ from cdobs_cli.outcome import Result
 
 def call(job: Job) -> Result:
     if job.spec.name == "crash":
+        faulthandler.disable()  # the crash is meant
         os.kill(os.getpid(), 11)
     if job.spec.name == "leave":
         os._exit(7)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import PurePath
 from typing import Any
 from urllib.parse import quote
@@ -10,6 +11,8 @@ from urllib.parse import quote
 from cdobs_cli import __version__
 from cdobs_cli.errors import ExitCode
 from cdobs_cli.outcome import Message, Result
+
+_SCHEMA = "https://json.schemastore.org/sarif-2.1.0.json"
 
 
 def document(command: str, results: list[Result], code: ExitCode) -> str:
@@ -41,16 +44,22 @@ def document(command: str, results: list[Result], code: ExitCode) -> str:
             for message in found
         ],
     }
-    return json.dumps({"version": "2.1.0", "runs": [run]}, indent=1)
+    return json.dumps({"$schema": _SCHEMA, "version": "2.1.0", "runs": [run]}, indent=1)
 
 
 def _locations(message: Message) -> list[dict[str, Any]]:
     if message.file is None:
         return []
-    place: dict[str, Any] = {"artifactLocation": {"uri": quote(PurePath(message.file).as_posix())}}
+    place: dict[str, Any] = {"artifactLocation": {"uri": _uri(PurePath(message.file))}}
     if message.line is not None:
         place["region"] = {"startLine": message.line, **({"startColumn": message.column} if message.column else {})}
     return [{"physicalLocation": place}]
+
+
+def _uri(path: PurePath) -> str:
+    """Relative paths stay relative; names that are not UTF-8 keep their bytes."""
+    address = quote(os.fsencode(path.as_posix()))
+    return f"file://{address}" if path.is_absolute() else address
 
 
 def _pascal(rule: str) -> str:

@@ -10,13 +10,10 @@ from cdobs_cli.report.blocks import Block, Bullets, Cell, Code, Grid, Listing, M
 from cdobs_cli.report.equations import mathml_block
 from cdobs_cli.report.model import NOTHING, Report
 from cdobs_cli.report.sections import sections
+from cdobs_cli.report.status import STATUS_CLASSES, SYMBOLS, status_badge
 from cdobs_cli.report.style import page
-from cdobs_cli.report.text import SYMBOLS, bracket_sentence
+from cdobs_cli.report.text import bracket_sentence
 
-STATUS_CLASSES = {
-    "proved": "proved", "holds": "proved", "refuted": "refuted", "fails": "refuted", "failed": "refuted", "invalid": "refuted",
-    "no design found": "refuted", "undecided": "undecided",
-}  # fmt: skip
 _NUMBER = re.compile(r"[−-]?[\d.]+(e-?\d+)?|∞|–")
 
 
@@ -83,12 +80,6 @@ def _cell(cell: Cell, column: str) -> str:
 def _breakable(text: str) -> str:
     """A dotted name that may break behind its dots."""
     return re.sub(r"([._])(?=[A-Za-z])", r"\1<wbr>", escape(text))
-
-
-def status_badge(status: str) -> str:
-    """A status as symbol and word; the colour only repeats them."""
-    symbol = SYMBOLS.get(status, "·")
-    return f'<span class="status {STATUS_CLASSES.get(status, "")}">{symbol} {escape(status)}</span>'
 
 
 def inline_svg(svg: bytes, prefix: str, title: str) -> str:

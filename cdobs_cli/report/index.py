@@ -10,8 +10,8 @@ from html import escape
 from urllib.parse import quote
 
 from cdobs_cli.certificate import Bound
-from cdobs_cli.report.html import status_badge
 from cdobs_cli.report.model import Report, bound_title, bracket_text, float_or_none, number_text
+from cdobs_cli.report.status import status_badge
 from cdobs_cli.report.style import page
 
 # Worst first: what needs a look stands on top when sorted.

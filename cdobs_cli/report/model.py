@@ -18,13 +18,12 @@ from cdobs_cli.chart import Chart, Exhibits
 from cdobs_cli.design import Design
 from cdobs_cli.exact.numbers import plain_decimal
 from cdobs_cli.plant import Domain, Plant, SamplingLaw, TypedDynamics
-from cdobs_cli.report.ladder import Ladder, period_ladder
-from cdobs_cli.report.trajectories import WayBack, run_charts
-from cdobs_cli.report.witnesses import witness_charts
 
 if TYPE_CHECKING:
     from cdobs_cli.families.base import Family
     from cdobs_cli.hybrid import Observer
+    from cdobs_cli.report.ladder import Ladder
+    from cdobs_cli.report.trajectories import WayBack
     from cdobs_cli.run import Run
 
 NOTHING = "–"
@@ -184,6 +183,10 @@ class Report:
     @cached_property
     def charts(self) -> tuple[Chart | Ladder, ...]:
         """Bracket, counterexamples, simulation, family; a family's chart takes the place of a common one of its name."""
+        from cdobs_cli.report.ladder import period_ladder
+        from cdobs_cli.report.trajectories import run_charts
+        from cdobs_cli.report.witnesses import witness_charts
+
         ladder = period_ladder(self.check.bounds) if self.check else None
         common: list[Chart | Ladder] = [ladder] if ladder else []
         if self.check is not None:

@@ -1,19 +1,15 @@
-"""report.md, and the few lines that a terminal gets."""
+"""report.md: the report for reading as text, and in places that show Markdown."""
 
 from __future__ import annotations
 
 import re
-from collections import Counter
 
-from cdobs_cli.certificate import Bound, Status
 from cdobs_cli.report.blocks import Block, Bullets, Cell, Code, Grid, Listing, Mark, Mathematics, Paragraph, Picture
 from cdobs_cli.report.equations import latex_block
-from cdobs_cli.report.model import Report, about_text, bound_title, end_text, ends_text, law_text, unit_text
+from cdobs_cli.report.model import Report, about_text, bound_title
 from cdobs_cli.report.sections import sections
-
-SYMBOLS = {"proved": "✓", "refuted": "✗", "undecided": "?", "holds": "✓", "fails": "✗", "no design found": "✗",
-    "not checked": "·", "invalid": "!", "failed": "!"}  # fmt: skip
-MAX_LISTED = 12
+from cdobs_cli.report.status import SYMBOLS
+from cdobs_cli.report.summary import ends_sentence
 
 
 def markdown(report: Report) -> str:
@@ -36,18 +32,7 @@ def bracket_sentence(report: Report) -> str:
     name, bound = report.headline_bound
     told = bound.about is None or bound.about in bound_title(name)
     about = "" if told else f" (about {about_text(bound)})"
-    return f"{bound_title(name)}: {_ends(bound)}{about}."
-
-
-def _ends(bound: Bound) -> str:
-    """`proved 1.713 s, refuted 1.7131 s`, whichever is known."""
-    proved, refuted = ends_text(bound)
-    ends = []
-    if bound.proved is not None:
-        ends.append(f"proved {proved}{unit_text(bound)}")
-    if bound.refuted is not None:
-        ends.append(f"refuted {refuted}{unit_text(bound)}")
-    return ", ".join(ends)
+    return f"{bound_title(name)}: {ends_sentence(bound)}{about}."
 
 
 def escape(text: str) -> str:
@@ -91,33 +76,3 @@ def _cell(cell: Cell) -> str:
             return "`" + text.replace("`", "'").replace("|", "/") + "`"
         case _:
             return escape(cell)
-
-
-def summary_lines(report: Report) -> list[str]:
-    """A few plain lines: verdict, law, bracket, what failed. Status words stand first, so that a terminal can
-    colour them."""
-    lines = [f"{report.name}: {report.verdict}", f"  {' '.join(report.sentence.split())}"]
-    lines.append(f"  sampling: {law_text(report.design.sampling)}")
-    for name, bound in report.check.bounds.items() if report.check else ():
-        if "." not in name and (bound.proved is not None or bound.refuted is not None):
-            method = f" (by {bound.method})" if bound.method else ""
-            lines.append(f"  {name}: {_ends(bound)}{method}")
-    lines += [f"  condition: {condition}" for condition in report.conditions]
-    lines += _claim_lines(report)
-    lines += [f"  {'holds' if holds else 'fails'} expect {what}: {found}" for what, holds, found in report.expectations if not holds]
-    return lines
-
-
-def _claim_lines(report: Report) -> list[str]:
-    if report.check is None:
-        return []
-    counts = Counter(claim.status for claim in report.check.claims)
-    order: tuple[Status, ...] = ("proved", "refuted", "undecided")
-    lines = ["  claims: " + ", ".join(f"{counts[status]} {status}" for status in order if counts[status])]
-    open_claims = [claim for claim in report.check.claims if claim.status != "proved"]
-    for claim in open_claims[:MAX_LISTED]:
-        margin = f" (margin {end_text(claim.margin, 4, up=False)})" if claim.margin is not None else ""
-        lines.append(f"  {claim.status} {claim.id}: {' '.join(claim.statement.split())}{margin}")
-    if len(open_claims) > MAX_LISTED:
-        lines.append(f"  and {len(open_claims) - MAX_LISTED} more")
-    return lines

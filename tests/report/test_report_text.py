@@ -12,7 +12,8 @@ from cdobs_cli.exact.expression import Expression, parse
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.plant import Input, SamplingLaw, TypedDynamics
 from cdobs_cli.report.model import Report, build_report
-from cdobs_cli.report.text import markdown, summary_lines
+from cdobs_cli.report.summary import summary_lines
+from cdobs_cli.report.text import markdown
 
 GOLDEN = Path(__file__).parent / "golden"
 

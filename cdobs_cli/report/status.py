@@ -1,0 +1,18 @@
+"""How verdicts and statuses look: a symbol, a class of colour, a badge."""
+
+from __future__ import annotations
+
+from html import escape
+
+SYMBOLS = {"proved": "✓", "refuted": "✗", "undecided": "?", "holds": "✓", "fails": "✗", "no design found": "✗",
+    "not checked": "·", "invalid": "!", "failed": "!"}  # fmt: skip
+STATUS_CLASSES = {
+    "proved": "proved", "holds": "proved", "refuted": "refuted", "fails": "refuted", "failed": "refuted", "invalid": "refuted",
+    "no design found": "refuted", "undecided": "undecided",
+}  # fmt: skip
+
+
+def status_badge(status: str) -> str:
+    """A status as symbol and word; the colour only repeats them."""
+    symbol = SYMBOLS.get(status, "·")
+    return f'<span class="status {STATUS_CLASSES.get(status, "")}">{symbol} {escape(status)}</span>'

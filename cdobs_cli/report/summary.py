@@ -1,0 +1,59 @@
+"""The few lines of a spec that a terminal gets; made without what a page needs."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from cdobs_cli.certificate import Bound, Status
+from cdobs_cli.report.model import Report, end_text, ends_text, law_text, unit_text
+
+MAX_LISTED = 12
+
+
+def ends_sentence(bound: Bound) -> str:
+    """`proved 1.713 s, refuted 1.7131 s`, whichever is known."""
+    proved, refuted = ends_text(bound)
+    ends = []
+    if bound.proved is not None:
+        ends.append(f"proved {proved}{unit_text(bound)}")
+    if bound.refuted is not None:
+        ends.append(f"refuted {refuted}{unit_text(bound)}")
+    return ", ".join(ends)
+
+
+def summary_lines(report: Report) -> list[str]:
+    """A few plain lines: verdict, law, bracket, what failed. Status words stand first, so that a terminal can
+    colour them."""
+    lines = [f"{report.name}: {report.verdict}", f"  {' '.join(report.sentence.split())}"]
+    lines.append(f"  sampling: {law_text(report.design.sampling)}")
+    for name, bound in report.check.bounds.items() if report.check else ():
+        if "." not in name and (bound.proved is not None or bound.refuted is not None):
+            method = f" (by {bound.method})" if bound.method else ""
+            lines.append(f"  {name}: {ends_sentence(bound)}{method}")
+    lines += [f"  condition: {condition}" for condition in report.conditions]
+    lines += _claim_lines(report)
+    lines += [f"  {'holds' if holds else 'fails'} expect {what}: {found}" for what, holds, found in report.expectations if not holds]
+    return lines
+
+
+def headline(report: Report) -> str:
+    """One line: the verdict, and the bracket where one is known."""
+    if report.headline_bound is None:
+        return report.verdict
+    name, bound = report.headline_bound
+    return f"{report.verdict}; {name}: {ends_sentence(bound)}"
+
+
+def _claim_lines(report: Report) -> list[str]:
+    if report.check is None:
+        return []
+    counts = Counter(claim.status for claim in report.check.claims)
+    order: tuple[Status, ...] = ("proved", "refuted", "undecided")
+    lines = ["  claims: " + ", ".join(f"{counts[status]} {status}" for status in order if counts[status])]
+    open_claims = [claim for claim in report.check.claims if claim.status != "proved"]
+    for claim in open_claims[:MAX_LISTED]:
+        margin = f" (margin {end_text(claim.margin, 4, up=False)})" if claim.margin is not None else ""
+        lines.append(f"  {claim.status} {claim.id}: {' '.join(claim.statement.split())}{margin}")
+    if len(open_claims) > MAX_LISTED:
+        lines.append(f"  and {len(open_claims) - MAX_LISTED} more")
+    return lines
