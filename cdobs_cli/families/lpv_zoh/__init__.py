@@ -109,7 +109,7 @@ expect:
     def exhibits(self, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
         from cdobs_cli.families.lpv_zoh.exhibits import exhibits
 
-        return exhibits(plant, design, check, run)
+        return exhibits(self, plant, design, check, run)
 
     def envelope(self, plant: Plant, design: Design, check: Check) -> Mapping[str, Any] | None:
         from cdobs_cli.families.lpv_zoh.envelope import envelope

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 CONVERGENCE = "convergence"
 METHODS = ("wirtinger", "clock", "repaired")
 _SOURCES = {
-    "wirtinger": "Wirtinger's inequality for the held error",
+    "wirtinger": "LiuFridman2012, Wirtinger's inequality for the held error, with a slope box and a rate",
     "clock": "clock-dependent quadratic function",
     "spectral_radius": "spectral radius of the sampled error",
     "repaired": "Boukal2020, Theorem 1, with its proof repaired",
@@ -216,59 +216,74 @@ def slowest_constant_slope(plant: Plant, L: ExactMatrix) -> arb | None:
     return -rho.log() / T.ball()
 
 
-def _printed(family: LpvZeroOrderHold, plant: Plant, design: Design, L: ExactMatrix) -> tuple[list[Claim], dict[str, Bound]]:
-    """The printed conditions for the printed (P, Y), or for those that method theorem_1 found."""
+def printed_data(family: LpvZeroOrderHold, plant: Plant, design: Design) -> list[tuple[str, str, printed.Printed]]:
+    """(prefix of the claims, where, data) for the printed (P, Y), or for those that method theorem_1 found: at the
+    corners of the slope class, and at the printed vertices where there are some."""
     found = next((c for c in design.certificates if c.method == printed_search.METHOD), None)
     if family.printed is not None:
         P, Y = family.printed.P, family.printed.Y
     elif found is not None:
         P, Y = (ExactMatrix(found.data[name]) for name in ("P", "Y"))
     else:
-        return [], {}
+        return []
+    L = design.gain["L"]
     view = PlantView.balls(plant, {"L": L})
+    # (P, Y) printed without a gain stand for L = P^-1 Y, not for the gain that was found.
     given = L if family.gain is not None or family.printed is None else None
-    true = printed.Printed.of(P, Y, given, view.C, vertices_25(view))
-    if true is None:
-        return [], {}
-    T = plant.sampling.T_max
-    claims = printed.claims(true, T, "theorem_1", "at the corners of the slope class")
-    bounds = {"tau_max": printed.tau_max_bound(true)}
+    places = [("theorem_1", "at the corners of the slope class", tuple(vertices_25(view)))]
+    if family.printed is not None and family.printed.vertices is not None:
+        typed = tuple(vertex.balls() for vertex in family.printed.vertices)
+        places.append(("theorem_1.printed_vertices", "at the printed vertices", typed))
+    made = [(prefix, where, printed.Printed.of(P, Y, given, view.C, vertices)) for prefix, where, vertices in places]
+    return [(prefix, where, data) for prefix, where, data in made if data is not None]
+
+
+def _printed(family: LpvZeroOrderHold, plant: Plant, design: Design, L: ExactMatrix) -> tuple[list[Claim], dict[str, Bound]]:
+    """Each printed condition, and where the conditions end."""
+    claims: list[Claim] = []
+    bounds: dict[str, Bound] = {}
+    for prefix, where, data in printed_data(family, plant, design):
+        claims += printed.claims(data, plant.sampling.T_max, prefix, where)
+        bounds["tau_max" + prefix.removeprefix("theorem_1")] = printed.tau_max_bound(data)
     if family.printed is not None and family.gain is not None:
-        claims.append(_gain_claim(P, Y, L))
-    vertices = family.printed.vertices if family.printed is not None else None
-    if vertices is not None:
-        claims.append(_vertices_claim(plant, vertices))
-        typed = printed.Printed.of(P, Y, given, view.C, [vertex.balls() for vertex in vertices])
-        if typed is not None:
-            claims += printed.claims(typed, T, "theorem_1.printed_vertices", "at the printed vertices")
-            bounds["tau_max.printed_vertices"] = printed.tau_max_bound(typed)
+        claims.append(_gain_claim(family.printed.P, family.printed.Y, L))
+    if family.printed is not None and family.printed.vertices is not None:
+        claims.append(_vertices_claim(plant, family.printed.vertices))
     return claims, bounds
 
 
 def _gain_claim(P: ExactMatrix, Y: ExactMatrix, L: ExactMatrix) -> Claim:
-    """Is the printed L the printed P^-1 Y, to half a unit of the last digit typed?"""
-    try:
-        quotient = P.balls().solve(Y.balls())
-    except ZeroDivisionError:
-        return Claim("theorem_1.gain", "printed", "undecided", "L = P^-1 Y: P may be singular", printed.SOURCE, method="theorem_1")
-    distances = [abs(arb(quotient[i, j]) - L[i, j].ball()) for i in range(L.shape[0]) for j in range(L.shape[1])]
-    units = [_last_digit(str(L[i, j])) for i in range(L.shape[0]) for j in range(L.shape[1])]
-    inside = all(distance <= unit / 2 for distance, unit in zip(distances, units, strict=True))
-    outside = any(distance > unit / 2 for distance, unit in zip(distances, units, strict=True))
-    entries = ", ".join(lower_text(arb(quotient[i, 0]), 7) for i in range(L.shape[0]))
-    largest = max(distances, key=lambda distance: float(distance.mid()))
+    """Is L = P^-1 Y for some P, Y that round to those typed?
+
+    Row i of P L = Y asks for |(P L - Y)_i| <= sum_j h_ij |L_j| + h_i with h half units of last digits. Changing
+    P_ii and Y_i alone is enough; no change of all entries makes up for more than the sum.
+    """
+    n = L.shape[0]
+    residual = (P.balls() @ L.balls() - Y.balls()).balls()
+    rows = []
+    for i in range(n):
+        r = abs(arb(residual[i, 0]))
+        own = _half_unit(P[i, i]) * abs(L[i, 0].ball()) + _half_unit(Y[i, 0])
+        most = sum((_half_unit(P[i, j]) * abs(L[j, 0].ball()) for j in range(n)), _half_unit(Y[i, 0]))
+        rows.append((r, own, most))
+    status: Status = "undecided"
+    if all(r <= own for r, own, _ in rows):
+        status = "proved"
+    elif any(r > most for r, _, most in rows):
+        status = "refuted"
+    worst = max((r for r, _, _ in rows), key=lambda r: float(r.mid()))
+    residuals = [upper_text(r, 6) for r, _, _ in rows]
     return Claim(
-        "theorem_1.gain", "printed", "proved" if inside else "refuted" if outside else "undecided",
-        f"L = P^-1 Y to half a unit of its last digit: P^-1 Y = ({entries})", printed.SOURCE,
-        margin=upper_text(largest, 6), method="theorem_1",
-        witness=Witness("vector", "class", data={"P^-1 Y": entries}) if outside else None,
+        "theorem_1.gain", "printed", status, "L = P^-1 Y for some P, Y that round to those printed", printed.SOURCE,
+        margin=upper_text(worst, 6), method="theorem_1",
+        witness=Witness("vector", "class", data={"|P L - Y|": residuals}) if status == "refuted" else None,
     )  # fmt: skip
 
 
-def _last_digit(text: str) -> arb:
-    """The unit of the last digit of a decimal."""
-    digits = text.partition(".")[2]
-    return Exact(Fraction(1, 10 ** len(digits))).ball()
+def _half_unit(number: Exact) -> arb:
+    """Half the unit of the last digit of a decimal."""
+    digits = str(number).partition(".")[2]
+    return Exact(Fraction(1, 2 * 10 ** len(digits))).ball()
 
 
 def _vertices_claim(plant: Plant, vertices: tuple[ExactMatrix, ...]) -> Claim:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cdobs_cli.certificate import Check
 from cdobs_cli.chart import Chart, Exhibits, Panel, Role, Series, Table
@@ -10,6 +10,9 @@ from cdobs_cli.design import Design
 from cdobs_cli.families.lpv_zoh.observer import INNOVATION, inclusion
 from cdobs_cli.plant import Plant
 from cdobs_cli.run import Run
+
+if TYPE_CHECKING:
+    from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold
 
 _NOTES = (
     "The printed proof of Theorem 1 does not hold as it stands: V_2 with the lower limit t_k has no negative term in its "
@@ -19,14 +22,30 @@ _NOTES = (
 )
 
 
-def exhibits(plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
+def exhibits(family: LpvZeroOrderHold, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
     """What the report shows beyond the common figures."""
     if design.outcome == "none":
         return Exhibits()
     charts = [*_held_outputs(plant, run), *_curve(plant, design, check)]
-    tables = [_radii(plant, design), *_ladder(check)]
-    printed = check is not None and any(claim.id.startswith("theorem_1.") for claim in check.claims)
-    return Exhibits(tuple(charts), tuple(tables), _NOTES if printed else ())
+    numbers = _numbers(family, plant, design)
+    return Exhibits(tuple(charts), (_radii(plant, design), *_ladder(check), *numbers), _NOTES if numbers else ())
+
+
+def _numbers(family: LpvZeroOrderHold, plant: Plant, design: Design) -> list[Table]:
+    """What Theorem 1 and Remark 2 compute from the printed (P, Y) at the period of the law."""
+    from cdobs_cli.families.lpv_zoh.claims import printed_data
+    from cdobs_cli.families.lpv_zoh.printed import evaluate, scalar
+
+    tables = []
+    for prefix, where, data in printed_data(family, plant, design):
+        numbers = evaluate(data, scalar(design.sampling.T_max)).document()
+        rows = tuple((name, low, high) for name, (low, high) in numbers.items())
+        caption = (
+            f"Theorem 1 and Remark 2 of Boukal2020 as printed, {where}. delta is the least with beta < alpha_2; mu, alpha_2 and T_2 "
+            "are taken there, alpha_1 and T_1 at the mu of delta = 1, the most they can be."
+        )
+        tables.append(Table(prefix.replace(".", "_"), "Numbers of the printed theorem", caption, ("number", "from", "to"), rows))
+    return tables
 
 
 def _held_outputs(plant: Plant, run: Run | None) -> list[Chart]:

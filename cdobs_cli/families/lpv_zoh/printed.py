@@ -12,11 +12,13 @@ from flint import arb, fmpq
 
 from cdobs_cli.certificate import Bound, Claim, Status, Witness
 from cdobs_cli.certify.definite import has_positive_pivots, positive_definite
+from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text, upper_text
 from cdobs_cli.families.lpv_zoh import theorems
 
 SOURCE = "Boukal2020, Theorem 1"
+_DOUBLINGS = 40
 _TIGHT = Fraction(1, 10**10)
 
 
@@ -103,7 +105,11 @@ def eigenvalue_range(M: Matrix, *, smallest: bool) -> Range:
 
 @dataclass(frozen=True)
 class Numbers:
-    """What Theorem 1 and Remark 2 compute at one tau_max, each between proved ends; delta is the choice made."""
+    """What Theorem 1 and Remark 2 compute at one tau_max, each between proved ends.
+
+    delta is the least with beta < alpha_2, delta_2 the least with tau_max < T_2 (both a little more); mu, alpha_2
+    and T_2 are at delta, mu_2 at delta_2; alpha_1 and T_1 at mu_at_1, which is the most they can be.
+    """
 
     tau_max: Any
     delta: Any
@@ -114,14 +120,15 @@ class Numbers:
     alpha_2: Any
     T_1_squared: Range
     T_2_squared: Range
+    delta_2: Any
+    mu_2: Range
 
     def document(self) -> dict[str, list[str]]:
         """Both ends of each number as decimal strings."""
         ranges = {
             "delta": Range(self.delta, self.delta), "mu_at_delta_1": self.mu_at_1, "mu": self.mu, "beta": self.beta,
             "alpha_1": self.alpha_1, "alpha_2": Range(self.alpha_2, self.alpha_2),
-            "T_1": _root(self.T_1_squared),
-            "T_2": _root(self.T_2_squared),
+            "T_1": _root(self.T_1_squared), "T_2": _root(self.T_2_squared),
         }  # fmt: skip
         return {name: [lower_text(arb(r.low)), upper_text(arb(r.high))] for name, r in ranges.items()}
 
@@ -141,7 +148,8 @@ def evaluate(printed: Printed, tau_max: Any) -> Numbers:
     low, high = printed.lambda_min(), printed.lambda_max()
     L_1 = printed.L_1
     beta = Range(theorems.theorem_1_beta(tau_max, high.low, L_1), theorems.theorem_1_beta(tau_max, high.high, L_1))
-    delta = 1 + beta.high / (2 * tau_max) * fmpq(1000001, 1000000)
+    delta = _just_above(1 + beta.high / (2 * tau_max))
+    delta_2 = _just_above(1 + theorems.theorem_1_beta(tau_max, high.high, L_1) / 2)
     at_1, mu = printed.mu(tau_max, 1), printed.mu(tau_max, delta)
     return Numbers(
         tau_max,
@@ -156,7 +164,14 @@ def evaluate(printed: Printed, tau_max: Any) -> Numbers:
             theorems.remark_2_T_1_squared(at_1.high, low.high, high.low, L_1),
         ),
         Range(theorems.remark_2_T_2_squared(delta, high.high, L_1), theorems.remark_2_T_2_squared(delta, high.low, L_1)),
+        delta_2,
+        printed.mu(tau_max, delta_2),
     )
+
+
+def _just_above(value: Any) -> Any:
+    """A little more: what holds for every delta above the value is put to the test there."""
+    return value + (value - 1) * fmpq(1, 10**6) + fmpq(1, 10**12)
 
 
 def side_conditions(printed: Printed, tau_max: Any) -> Status:
@@ -180,21 +195,32 @@ def tau_max_bound(printed: Printed) -> Bound:
 
     beta grows and mu falls with tau_max, so the conditions hold on an interval from 0.
     """
-    low, high = Fraction(0), Fraction(1)
-    while side_conditions(printed, fmpq(high.numerator, high.denominator)) == "proved" and high < 10**9:
-        low, high = high, 2 * high
-    while side_conditions(printed, fmpq(high.numerator, high.denominator)) != "refuted" and high < 10**9:
-        high *= 2
-    proved, refuted = low, high
-    while refuted - proved > refuted / 10**6 and refuted > Fraction(1, 10**9):
-        middle = (proved + refuted) / 2
-        status = side_conditions(printed, fmpq(middle.numerator, middle.denominator))
-        if status == "undecided":
+
+    def status(value: Fraction) -> Status:
+        return side_conditions(printed, fmpq(value.numerator, value.denominator))
+
+    proved: Fraction | None = None
+    refuted: Fraction | None = None
+    value = Fraction(1)
+    for _ in range(_DOUBLINGS):
+        found = status(value)
+        if found == "proved":
+            proved, value = value, value * 4
+        elif found == "refuted":
+            refuted, value = value, value / 4
+        else:
             break
-        proved, refuted = (middle, refuted) if status == "proved" else (proved, middle)
+        if proved is not None and refuted is not None:
+            break
+    while proved is not None and refuted is not None and refuted - proved > refuted / 10**6:
+        middle = (proved + refuted) / 2
+        found = status(middle)
+        if found == "undecided":
+            break
+        proved, refuted = (middle, refuted) if found == "proved" else (proved, middle)
     return Bound(
-        lower_text(arb(fmpq(proved.numerator, proved.denominator)), 9) if proved else None,
-        upper_text(arb(fmpq(refuted.numerator, refuted.denominator)), 9),
+        lower_text(fraction_ball(proved), 9) if proved is not None else None,
+        upper_text(fraction_ball(refuted), 9) if refuted is not None else None,
         method="theorem_1",
         about="the printed conditions for these (P, Y); their proof has a gap, so this is not a bound of stability",
     )
@@ -229,10 +255,11 @@ def claims(printed: Printed, tau_max: Exact, prefix: str, where: str) -> list[Cl
     square = arb(tau * tau)
     status = "refuted" if square >= arb(numbers.T_1_squared.high) else "proved" if square < arb(numbers.T_1_squared.low) else "undecided"
     claim("T_1", status, f"tau_max < T_1, which is at most {data['T_1'][1]}", "Boukal2020, Remark 2, (39)")
-    T_2_holds = square < arb(numbers.T_2_squared.low) and arb(numbers.mu.low) > 0
-    T_2_fails = square >= arb(numbers.T_2_squared.high) and arb(numbers.mu.high) <= 0
+    # T_2 grows with delta and mu falls: at the least delta with tau_max < T_2, (26) must still leave a mu > 0.
+    mu_2, least = numbers.mu_2, 1 + numbers.beta.low / 2
+    status = "proved" if arb(mu_2.low) > 0 else "refuted" if arb(printed.mu(tau, least).high) <= 0 else "undecided"
     claim(
-        "T_2", "proved" if T_2_holds else "refuted" if T_2_fails else "undecided",
-        f"tau_max < T_2 = {data['T_2'][0]} at delta = {data['delta'][0]}, where (26) holds", "Boukal2020, Remark 2, (40)",
+        "T_2", status, f"tau_max < T_2 for some delta that (26) allows: from delta = {upper_text(arb(numbers.delta_2), 7)} on",
+        "Boukal2020, Remark 2, (40)", lower_text(arb(mu_2.low), 7) if status == "proved" else None,
     )  # fmt: skip
     return made

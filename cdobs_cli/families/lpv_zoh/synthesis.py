@@ -62,6 +62,8 @@ def synthesize(family: LpvZeroOrderHold, plant: Plant, effort: int) -> Design:
         return Design(family.family, "none", plant.sampling, {}, reason=reason)
     try:
         found = _given(family, plant, effort) if family.gain is not None else _search(family, plant, effort)
+        if float(found.T) < float(plant.sampling.T_max):
+            raise NoDesignError(f"the longest period found is {found.T}, below the least acceptable {plant.sampling.T_max}")
     except NoDesignError as none:
         certificates = _any_gain(plant, None, effort)
         return Design(family.family, "none", plant.sampling, {}, certificates, reason=str(none))
@@ -70,7 +72,7 @@ def synthesize(family: LpvZeroOrderHold, plant: Plant, effort: int) -> Design:
     proved = max((float(c.sampling.T_max) for c in certificates if c.method != printed_search.METHOD), default=None)
     # The curve of period against rate belongs to a search; effort 0 is for a quick answer.
     searched = family.gain is None and effort > 0
-    details: dict[str, Any] = {"curve": gain_curve(plant, found.L, found.T, effort)} if searched else {}
+    details: dict[str, Any] = {"curve": gain_curve(plant, found.L, found.T, _headline(plant, effort))} if searched else {}
     return Design(
         family.family, "given" if family.gain is not None else "found", law, {"L": found.L},
         certificates + _any_gain(plant, proved, effort), details=details,
@@ -210,7 +212,7 @@ def _climb_period(method: str, plant: Plant, objective: str, effort: int) -> Fou
         raise NoDesignError(f"the longest period proved by {method} for any gain met is {short(T)}, below {plant.sampling.T_max}")
     if objective != "max_period":
         return Found(L, plant.sampling.T_max)
-    level = min(effort + 1, 3) if method == "clock" and _size(plant) <= _HEADLINE else effort
+    level = _headline(plant, effort) if method == "clock" else effort
     further = _largest(method, at_period(plant, short(T)), L, level, RATE_FLOOR)
     return Found(L, short(T) if further is None else further[0])
 
@@ -280,6 +282,11 @@ def _clock(plant: Plant, L: ExactMatrix, effort: int, sigma: Fraction) -> Certif
     return clock.analyse(system, effort if _size(plant) <= _CLOCK_SMALL else 0, sigma)
 
 
+def _headline(plant: Plant, effort: int) -> int:
+    """The headline is worth one step more of the schedule than the search for a gain, where that is cheap."""
+    return min(effort + 1, 3) if _size(plant) <= _HEADLINE else effort
+
+
 def _size(plant: Plant) -> int:
     """What a clock certificate costs, roughly: (n + p)^3 times the corners."""
     return int((plant.n + plant.p) ** 3 * 2 ** len(plant.slopes.uncertain))
@@ -302,8 +309,7 @@ def _certificates(family: LpvZeroOrderHold, plant: Plant, L: ExactMatrix, effort
     largest rate; for the printed theorem the (P, Y) that take it furthest."""
     made: list[Certificate] = []
     for method in _methods(family, plant):
-        # The headline is worth one step more of the schedule than the search for a gain.
-        level = min(effort + 1, 3) if method == "clock" and _size(plant) <= _HEADLINE else effort
+        level = _headline(plant, effort) if method == "clock" else effort
         longest = _largest(method, plant, L, level, 0.0)
         if longest is not None:
             made.append(longest[1])

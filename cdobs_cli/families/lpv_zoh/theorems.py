@@ -181,6 +181,7 @@ def wirtinger(P: Mat, U: Mat, F_i: Mat, L: Mat, C: Mat, q: Any, sigma: Any, iden
     to 0; and this matrix makes Vdot + 2 sigma V < 0. So |e(t)| <= sqrt(cond P) exp(-sigma t) |e(0)|.
     The matrix is convex in F_i: its sign at the vertices decides for the whole slope box.
     Shapes: P, F_i (n, n); U, identity (p, p); L (n, p); C (p, n).
+    Source: LiuFridman2012, the functional; here with a slope box and a rate.
     """
     G = block([[C @ F_i, C @ L + identity * sigma]])
     flow = block([[symmetric(P @ F_i) + P * (2 * sigma), P @ L], [(P @ L).T, -U]])
@@ -197,6 +198,7 @@ def wirtinger_synthesis(P: Mat, S: Mat, Y: Mat, U: Mat, A_i: Mat, C: Mat, q: Any
                                                                          (3,3) -epsilon (S + S') + q C' U C
 
     Shapes: P, S, A_i (n, n); Y (n, p); U (p, p); C (p, n). S need not be symmetric.
+    Source: LiuFridman2012, the functional; the gain freed by the descriptor method.
     """
     F = S @ A_i - Y @ C
     coupling = P - S + F.T * epsilon

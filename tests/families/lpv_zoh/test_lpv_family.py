@@ -48,7 +48,7 @@ def test_the_printed_example(printed_check):
     assert printed_check.verdict == "proved"
     assert {claim.id: claim.status for claim in printed_check.claims if claim.id.startswith("theorem_1")} == {
         "theorem_1.P": "proved", "theorem_1.lmi_26": "proved", "theorem_1.side_conditions": "refuted", "theorem_1.T_1": "refuted",
-        "theorem_1.T_2": "proved", "theorem_1.gain": "refuted", "theorem_1.vertices": "refuted",
+        "theorem_1.T_2": "proved", "theorem_1.gain": "proved", "theorem_1.vertices": "refuted",
         "theorem_1.printed_vertices.P": "proved", "theorem_1.printed_vertices.lmi_26": "proved",
         "theorem_1.printed_vertices.side_conditions": "refuted", "theorem_1.printed_vertices.T_1": "refuted",
         "theorem_1.printed_vertices.T_2": "proved",
@@ -56,6 +56,20 @@ def test_the_printed_example(printed_check):
     assert [claim.id for claim in printed_check.claims if claim.required] == ["convergence"]
     side = printed_check.claim("theorem_1.side_conditions")
     assert side is not None and "1.4809784" in side.statement and "0.01933567" in side.statement
+
+
+def test_a_gain_that_is_not_the_quotient_is_found(printed_design):
+    vertices = PRINTED_P.texts(), PRINTED_Y.texts()
+    card = family(gain={"L": [["8.72"], ["7.0571"]]}, printed={"P": vertices[0], "Y": vertices[1]})
+    design = replace(printed_design[1], gain={"L": ExactMatrix([["8.72"], ["7.0571"]])}, certificates=())
+    claim = card.certify(sine(), design, 0).claim("theorem_1.gain")
+    assert claim is not None and claim.status == "refuted"
+
+
+def test_a_period_below_the_least_acceptable_is_no_design():
+    card = family(objective="max_period", method="wirtinger")
+    design = card.synthesize(sine(up_to("1.4")), 0)
+    assert design.outcome == "none" and "1.4" in (design.reason or "")
 
 
 def test_the_brackets_of_the_printed_example(printed_check):
