@@ -2,121 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING
 
 from flint import arb
 
-from cdobs_cli.certificate import Bound, Certificate, Check, Claim, Status, Witness
-from cdobs_cli.certify.bracket import smallest_refuted
+from cdobs_cli.certificate import Bound, Check, Claim, Status, Witness
 from cdobs_cli.design import Design
-from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.functions import fraction_ball
-from cdobs_cli.exact.matrix import Matrix
-from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text, upper_text
-from cdobs_cli.families.interval.boundedness import Lmi15, final_width, lmi_15_limit, prove_hurwitz, prove_lmi_15, refute_hurwitz
-from cdobs_cli.families.interval.held_loop import closed_loop, held_inclusion, prove_held_loop, refute_held_loop
-from cdobs_cli.families.interval.hull import hull_width, prove_hull, refute_hull
-from cdobs_cli.families.interval.intersect import intersected_width, measured_rows
-from cdobs_cli.families.interval.parts import absolute
-from cdobs_cli.families.interval.positivity import PositivityLimit, positivity_limit
-from cdobs_cli.families.interval.synthesis import declared_widths
-from cdobs_cli.families.interval.theorem_2 import Theorem2, gain_limit, observer_loop, prove_theorem_2, refute_theorem_2
-from cdobs_cli.families.interval.theorems import (
-    Coordinates,
-    assumption_3,
-    coordinates,
-    error_flow,
-    error_held,
-    theorem_1_positivity,
-    width_matrix,
-)
-from cdobs_cli.plant import Plant, SamplingLaw
+from cdobs_cli.exact.numbers import lower_text, upper_text
+from cdobs_cli.families.interval.analysis import SOURCE, Analysis, at_most, matrices, periods_text
+from cdobs_cli.families.interval.boundedness import Lmi15, lmi_15_limit, prove_hurwitz, prove_lmi_15, refute_hurwitz
+from cdobs_cli.families.interval.feedback_claims import separation, theorem_2
+from cdobs_cli.families.interval.hull import prove_hull, refute_hull
+from cdobs_cli.families.interval.theorems import theorem_1_positivity
+from cdobs_cli.families.interval.widths import final_widths
+from cdobs_cli.plant import Plant
 
 if TYPE_CHECKING:
     from cdobs_cli.families.interval import Interval
-
-T_ = TypeVar("T_")
-SOURCE = "Efimov2016"
-
-
-@dataclass
-class Analysis:
-    """One plant with one design: claims and bounds as they are decided.
-
-    Everything is read from the typed plant, the printed gain and the stored certificates.
-    """
-
-    family: Interval
-    plant: Plant
-    design: Design
-    effort: int
-    claims: list[Claim] = field(default_factory=list)
-    bounds: dict[str, Bound] = field(default_factory=dict)
-    reasons: dict[str, str] = field(default_factory=dict)
-
-    @property
-    def law(self) -> SamplingLaw:
-        return self.design.sampling
-
-    @cached_property
-    def T(self) -> arb:
-        """The largest period of the law."""
-        return self.law.T_max.ball()
-
-    @cached_property
-    def z(self) -> Coordinates[Matrix]:
-        S, L = self.design.gain["S"].balls(), self.design.gain["L"].balls()
-        return coordinates(self.plant.A.balls(), self.plant.C.balls(), S, S.inverse(), L)
-
-    @cached_property
-    def Mtot(self) -> Matrix:
-        return width_matrix(self.z.Q0, self.z.Q1)
-
-    @cached_property
-    def limit(self) -> PositivityLimit:
-        return positivity_limit(error_flow(self.z.Q0), error_held(self.z.Q1), self.effort)
-
-    @cached_property
-    def structure(self) -> tuple[str, ...]:
-        return assumption_3(self.z.Q1)
-
-    @property
-    def departs(self) -> bool:
-        """Whether given S and L are not those of the observer (12): then nothing is claimed in its name. (The
-        proofs themselves couple whatever signs Q1 has, and serve found gains as they are.)"""
-        return bool(self.structure) and self.design.outcome == "given"
-
-    @property
-    def has_feedback(self) -> bool:
-        return "K_lower" in self.design.gain
-
-    def certificate(self, method: str, read: Callable[[Certificate], T_]) -> tuple[Certificate, T_] | None:
-        """The stored certificate of a method, read; None where there is none or it cannot be read."""
-        for stored in self.design.certificates:
-            if stored.method == method:
-                try:
-                    return stored, read(stored)
-                except (KeyError, ValueError, TypeError, IndexError, ExpressionError):
-                    return None
-        return None
-
-    def matrix(self, method: str, name: str) -> tuple[SamplingLaw, Matrix] | None:
-        found = self.certificate(method, lambda stored: ExactMatrix(stored.data[name]).balls())
-        return None if found is None else (found[0].sampling, found[1])
-
-    def say(
-        self, identifier: str, kind: Any, status: Status, statement: str, source: str = SOURCE, *,
-        margin: str | None = None, method: str | None = None, witness: Witness | None = None, reason: str | None = None,
-    ) -> Status:  # fmt: skip
-        """Note a claim; `reason` says in a clause why it is refuted."""
-        if reason is not None:
-            self.reasons[identifier] = reason
-            statement = f"{statement}; {reason}"
-        self.claims.append(Claim(identifier, kind, status, statement, source, margin=margin, method=method, witness=witness))
-        return status
 
 
 def certify(family: Interval, plant: Plant, design: Design, effort: int) -> Check:
@@ -133,10 +36,10 @@ def certify(family: Interval, plant: Plant, design: Design, effort: int) -> Chec
         return Check((_convergence(design, "undecided", "S has no inverse, so the bounds of x do not exist."),))
     parts = {"contraction": _hull(a)} if family.tighten == "hull" else {"positivity": _positivity(a), "boundedness": _boundedness(a)}
     if a.has_feedback:
-        parts["separation"] = _separation(a)
-        _theorem_2(a)
+        parts["separation"] = separation(a)
+        theorem_2(a)
     _period_max(a, parts)
-    _final_width(a, parts)
+    final_widths(a, parts)
     return Check((*a.claims, _consequence(a, parts)), a.bounds)
 
 
@@ -147,7 +50,7 @@ def _convergence(design: Design, status: Status, statement: str, by: str | None 
 def _consequence(a: Analysis, parts: dict[str, Status]) -> Claim:
     """Enclosure and boundedness from their parts."""
     inside = "x stays between its bounds" if a.family.tighten == "hull" else "z = S x, and with it x, stays between its bounds"
-    what = f"{inside} from every box at the start, and the bounds stay bounded, for every sampling with {_periods(a.law)}"
+    what = f"{inside} from every box at the start, and the bounds stay bounded, for every sampling with {periods_text(a.law)}"
     what += ", with the feedback in the loop" if a.has_feedback else " and every bounded x (Assumption 1)"
     refuted = [name for name, status in parts.items() if status == "refuted"]
     if refuted:
@@ -162,10 +65,6 @@ def _consequence(a: Analysis, parts: dict[str, Status]) -> Claim:
         return _convergence(a.design, "proved", what, ", ".join(parts))
     open_parts = ", ".join(name for name, status in parts.items() if status != "proved")
     return _convergence(a.design, "undecided", f"{what}: open, because {open_parts} is")
-
-
-def _periods(law: SamplingLaw) -> str:
-    return f"T_k = {law.T_max}" if law.kind == "periodic" else f"T_k in [{law.T_min}, {law.T_max}]"
 
 
 def _positivity(a: Analysis) -> Status:
@@ -244,7 +143,7 @@ def _lmi_15(a: Analysis, boundedness: Status) -> None:
         None if proved is None else lower_text(proved), None if limit is None else upper_text(limit),
         method="LMI (15)", about="boundedness only; refuted: (15) has no solution from there on",
     )  # fmt: skip
-    if proved is not None and frontier is not None and _at_most(a.law.T_max, frontier[0].sampling.T_max):
+    if proved is not None and frontier is not None and at_most(a.law.T_max, frontier[0].sampling.T_max):
         a.say("lmi_15", "certificate", "proved", text, source, margin=lower_text(proved - a.T))
     elif (limit is not None and limit <= a.T) or boundedness == "refuted":
         a.say("lmi_15", "certificate", "refuted", text, source, method="no solution exists; that is no statement about the observer")
@@ -256,8 +155,8 @@ def _hull(a: Analysis) -> Status:
     """Positivity and boundedness for comparison, and the contraction that the predictor rests on."""
     # A design searched for the hull alone has no reason to meet the paper's conditions.
     without = (None, None) if a.structure and a.design.outcome == "found" else (_positivity(a), _boundedness(a))
-    exact = _matrices(a)
-    text = f"|S F(s) S^-1| contracts in one weighted norm for every {_periods(a.law)}"
+    exact = matrices(a)
+    text = f"|S F(s) S^-1| contracts in one weighted norm for every {periods_text(a.law)}"
     stored = a.matrix("hull", "w")
     frontier = a.matrix("hull_frontier", "w")
     if frontier is not None and prove_hull(*exact, frontier[1], frontier[0], a.effort):
@@ -270,105 +169,6 @@ def _hull(a: Analysis) -> Status:
     witness = refute_hull(*exact, a.law)
     reason = None if witness is None else f"with T_k = {witness.times[0]} throughout the radius grows by {witness.multiplier} a sample"
     return a.say("contraction", "certificate", "undecided" if witness is None else "refuted", text, witness=witness, reason=reason)
-
-
-def _matrices(a: Analysis) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix]:
-    return a.plant.A.balls(), a.plant.C.balls(), a.z.S, a.z.R, a.design.gain["L"].balls()
-
-
-def _separation(a: Analysis) -> Status:
-    """The held loop xdot = A x + B (K_lower + K_upper) S x(t_k), proved or refuted under the law."""
-    source = f"{SOURCE}, (16), (17)"
-    text = (
-        f"Separation: the errors do not depend on u, and xdot = A x + B (K_lower + K_upper) S x(t_k) is stable for every {_periods(a.law)}"
-    )
-    A, closed = closed_loop(a.plant, a.design.gain)
-    proved_until: Exact | None = None
-    frontier = a.matrix("held_loop_frontier", "P")
-    if frontier is not None and _same_law(frontier[0], a.law) and prove_held_loop(A, closed, frontier[1], frontier[0], a.effort):
-        proved_until = frontier[0].T_max
-    stored = a.matrix("held_loop", "P")
-    proved = stored is not None and stored[0] == a.law and prove_held_loop(A, closed, stored[1], a.law, a.effort)
-    if proved and proved_until is None:
-        proved_until = a.law.T_max
-    refuted = smallest_refuted(lambda T: held_inclusion(a.plant, a.design.gain, a.law.with_period(T)), proved_until, a.effort)
-    a.bounds["held_loop_period_max"] = Bound(
-        None if proved_until is None else lower_text(proved_until.ball()), None if refuted is None else str(refuted[0]),
-        method="common quadratic function of x(t_k)", about="the plant with the feedback, without disturbance",
-    )  # fmt: skip
-    if proved:
-        return a.say("separation", "certificate", "proved", text, source, method="x' P x decreases from sample to sample")
-    witness = refute_held_loop(a.plant, a.design.gain, a.law, a.effort)
-    if witness is None:
-        return a.say("separation", "certificate", "undecided", text, source)
-    reason = (
-        f"with T_k = {witness.times[0]} throughout the held loop has the multiplier {_multiplier(witness)}: x diverges within its bounds"
-    )
-    method = "eigenvalue of the sampled loop"
-    return a.say("separation", "certificate", "refuted", text, source, method=method, witness=witness, reason=reason)
-
-
-def _at_most(one: Exact, other: Exact) -> bool:
-    """Whether one <= other is certain."""
-    return one == other or (other - one).sign() in (0, 1)
-
-
-def _multiplier(witness: Witness) -> str:
-    """The eigenvalue where it is known, else its modulus."""
-    if "eigenvalue" not in witness.data:
-        return f"{witness.multiplier} in modulus"
-    real, imaginary = witness.data["eigenvalue"]
-    return str(real) if float(imaginary) == 0 else f"{real} +- {imaginary.lstrip('-')} i"
-
-
-def _same_law(one: SamplingLaw, other: SamplingLaw) -> bool:
-    return one == other.with_period(one.T_max)
-
-
-def _theorem_2(a: Analysis) -> None:
-    """Theorem 2's own condition for the given gains: gamma against 1/(|C| mu)."""
-    assert a.plant.B is not None
-    source = f"{SOURCE}, Theorem 2"
-    text = f"The conditions of Theorem 2 hold for Tbar = {a.law.T_max}"
-    if a.structure:
-        a.say("theorem_2", "printed", "undecided", f"{text}: they need Assumption 3", source)
-        return
-    K = a.design.gain["K_lower"].balls(), a.design.gain["K_upper"].balls()
-    loop = observer_loop(a.z, a.z.S @ a.plant.B.balls(), *K)
-    limit = gain_limit(a.z, a.plant.C.balls())
-    text += f": gamma < 1/(|C| mu) = {lower_text(limit, 6)}"
-    proved = _theorem_2_at(a, loop, "theorem_2")
-    if proved is not None:
-        text += f", proved gamma = {proved[1].gamma}"
-    frontier = _theorem_2_at(a, loop, "theorem_2_frontier")
-    if frontier is not None and frontier[1].gamma.ball() < limit:
-        a.bounds["theorem_2_period_max"] = Bound(lower_text(frontier[0].ball()), method="Theorem 2", about="the held loop, by a small gain")
-    printed = next(claim for claim in a.claims if claim.id == "theorem_1_positivity")
-    if proved is not None and proved[1].gamma.ball() < limit and _at_most(a.law.T_max, proved[0]) and printed.status == "proved":
-        a.say("theorem_2", "printed", "proved", text, source, margin=lower_text(limit - proved[1].gamma.ball()))
-        return
-    witness = refute_theorem_2(loop, limit)
-    if witness is not None:
-        text += f"; a constant y alone has gain {witness.data['static_gain']}, so no solution exists"
-        a.say("theorem_2", "printed", "refuted", text, source, method="static gain of the observer loop", witness=witness)
-        return
-    separation = next(claim for claim in a.claims if claim.id == "separation")
-    if separation.status == "refuted":
-        text += "; no solution exists, since the state diverges under this law"
-        a.say("theorem_2", "printed", "refuted", text, source, method="its conclusion is refuted", witness=separation.witness)
-    elif printed.status == "refuted":
-        text += "; its condition on the injection fails"
-        a.say("theorem_2", "printed", "refuted", text, source, method="printed condition evaluated")
-    else:
-        a.say("theorem_2", "printed", "undecided", text, source)
-
-
-def _theorem_2_at(a: Analysis, loop: Any, method: str) -> tuple[Exact, Theorem2] | None:
-    found = a.certificate(method, lambda stored: Theorem2.from_document(stored.data))
-    if found is None:
-        return None
-    T = found[0].sampling.T_max
-    return (T, found[1]) if prove_theorem_2(loop, found[1], T.ball()) else None
 
 
 def _period_max(a: Analysis, parts: dict[str, Status]) -> None:
@@ -399,64 +199,3 @@ def _period_max(a: Analysis, parts: dict[str, Status]) -> None:
 
 def _size(text: str) -> float:
     return float(text)
-
-
-def _final_width(a: Analysis, parts: dict[str, Status]) -> None:
-    """Where the widths of x settle under the declared disturbance and noise: in all, and for each state."""
-    disturbance, noise = declared_widths(a.plant)
-    exact = parts.get("boundedness") == "proved"
-    widths: Matrix | None = None
-    method = "closed form"
-    if "contraction" in parts:
-        exact, method = False, "hull predictor, at any time"
-        stored = a.matrix("hull", "w")
-        if stored is not None and parts["contraction"] == "proved" and stored[0] == a.law:
-            widths = hull_width(*_matrices(a), stored[1], disturbance, noise, a.law, bounded_width(a, disturbance, noise))
-    elif exact:
-        if a.family.tighten == "intersect":
-            widths, exact, method = intersect_width(a, disturbance, noise), False, "intersection, at any time"
-        else:
-            widths = final_width(a.z, a.Mtot, disturbance, noise)
-    if widths is None:
-        return
-    values = [arb(widths[i, 0]) for i in range(a.plant.n)]
-    rows = {"final_width": sum(values[1:], values[0])} | {
-        f"final_width.{name}": value for name, value in zip(a.plant.states, values, strict=True)
-    }
-    for name, value in rows.items():
-        about = "sum over the states" if name == "final_width" else None
-        a.bounds[name] = Bound(upper_text(value), lower_text(value) if exact else None, unit="", method=method, about=about)
-
-
-def bounded_width(a: Analysis, disturbance: Matrix, noise: Matrix) -> Matrix | None:
-    """The final width of z by positivity and boundedness, where both are proved for the law."""
-    statuses = {claim.id: claim.status for claim in a.claims}
-    if statuses.get("positivity") != "proved" or statuses.get("boundedness") != "proved":
-        return None
-    return (-a.Mtot).solve(absolute(a.z.S) @ disturbance + absolute(a.z.SL) @ noise)
-
-
-def intersect_width(a: Analysis, disturbance: Matrix, noise: Matrix) -> Matrix:
-    """|S^-1| times the final width of z with measured rows cut at samples."""
-    from cdobs_cli.families.interval.held_loop import law_ends
-
-    c = absolute(a.z.S) @ disturbance + absolute(a.z.SL) @ noise
-    w = (-a.Mtot).solve(c)
-    rows = measured_rows(a.plant.C.balls(), a.z.S)
-    return absolute(a.z.R) @ intersected_width(a.z, rows, w, c, noise, law_ends(a.law)[1])
-
-
-def comparison(family: Interval, plant: Plant, design: Design) -> dict[str, Matrix]:
-    """Proved final widths of x for each way to tighten the bounds of one design, where they are proved."""
-    disturbance, noise = declared_widths(plant)
-    a = Analysis(family, plant, design, 0)
-    found: dict[str, Matrix] = {}
-    if (_positivity(a), _boundedness(a)) == ("proved", "proved") and not a.departs:
-        found["none"] = final_width(a.z, a.Mtot, disturbance, noise)
-        found["intersect"] = intersect_width(a, disturbance, noise)
-    stored = a.matrix("hull", "w")
-    if stored is not None and stored[0] == a.law and prove_hull(*_matrices(a), stored[1], a.law):
-        widths = hull_width(*_matrices(a), stored[1], disturbance, noise, a.law, bounded_width(a, disturbance, noise))
-        if widths is not None:
-            found["hull"] = widths
-    return found

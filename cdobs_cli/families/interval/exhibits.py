@@ -10,8 +10,9 @@ import numpy as np
 from cdobs_cli.certificate import Check
 from cdobs_cli.chart import Chart, Exhibits, Panel, Series, Table
 from cdobs_cli.design import Design
-from cdobs_cli.families.interval.claims import comparison
+from cdobs_cli.families.interval.analysis import Analysis
 from cdobs_cli.families.interval.theorems import error_flow, error_held
+from cdobs_cli.families.interval.widths import comparison
 from cdobs_cli.plant import Plant
 from cdobs_cli.run import Run
 
@@ -26,7 +27,7 @@ def exhibits(family: Interval, plant: Plant, design: Design, check: Check | None
     if design.outcome == "none":
         return Exhibits()
     charts = [width_chart(plant, check, run), positivity_chart(plant, design, check), trade_off_chart(design, check)]
-    tables = [comparison_table(family, plant, design), sylvester_table(design)]
+    tables = [comparison_table(family, plant, design, check), sylvester_table(design)]
     return Exhibits(tuple(chart for chart in charts if chart), tuple(table for table in tables if table), _notes(check))
 
 
@@ -50,7 +51,7 @@ def width_chart(plant: Plant, check: Check | None, run: Run | None) -> Chart | N
 def positivity_chart(plant: Plant, design: Design, check: Check | None) -> Chart | None:
     """The diagonal entries of E(s) that can turn negative, up to a little beyond their first zero."""
     from cdobs_cli.certify.falsify import exponentials
-    from cdobs_cli.families.interval.synthesis import Views
+    from cdobs_cli.families.interval.certificates import Views
 
     bound = check.bounds.get("positivity_period_max") if check is not None else None
     if check is None or bound is None or bound.refuted is None:
@@ -91,9 +92,9 @@ def trade_off_chart(design: Design, check: Check | None) -> Chart | None:
     return Chart("trade_off", "Period against width", caption, (panel,))
 
 
-def comparison_table(family: Interval, plant: Plant, design: Design) -> Table | None:
+def comparison_table(family: Interval, plant: Plant, design: Design, check: Check | None) -> Table | None:
     """Proved final widths for this S and L with each way to tighten the bounds."""
-    found = comparison(family, plant, design)
+    found = comparison(Analysis(family, plant, design, 0, list(check.claims))) if check is not None else {}
     if not found:
         return None
     labels = {

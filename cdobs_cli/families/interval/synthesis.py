@@ -1,69 +1,30 @@
-"""What needs a solver or a search: S and L, the feedback, and a certificate for each thing to be proved."""
+"""What needs a search: S and L for an objective, and the feedback."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from flint import arb
 
-from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify.bracket import largest_proved, smallest_refuted
+from cdobs_cli.certify.bracket import largest_proved
 from cdobs_cli.certify.sylvester import is_observable, residual
 from cdobs_cli.design import Design, Outcome
 from cdobs_cli.exact.functions import fraction_ball
-from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, lower_text
-from cdobs_cli.families.interval.boundedness import Lmi15, final_width, find_lmi_15, find_w_star, lmi_15_limit, prove_hurwitz
+from cdobs_cli.families.interval.boundedness import final_width
+from cdobs_cli.families.interval.certificates import Array, Gain, Views, certificates, largest_hull, prove_feedback, proved_w_star
 from cdobs_cli.families.interval.design import Search, Shape, printed
-from cdobs_cli.families.interval.held_loop import (
-    closed_loop,
-    descriptor_design,
-    find_held_loop,
-    held_inclusion,
-    prove_held_loop,
-)
-from cdobs_cli.families.interval.hull import find_hull, prove_hull
-from cdobs_cli.families.interval.positivity import PositivityLimit, positivity_limit
-from cdobs_cli.families.interval.theorem_2 import Theorem2, find_theorem_2, gain_limit, observer_loop, refute_theorem_2
-from cdobs_cli.families.interval.theorems import Coordinates, assumption_3, coordinates, error_flow, error_held, width_matrix
+from cdobs_cli.families.interval.held_loop import closed_loop, descriptor_design
+from cdobs_cli.families.interval.theorems import width_matrix
 from cdobs_cli.plant import Plant, SamplingLaw
 
 if TYPE_CHECKING:
     from cdobs_cli.families.interval import Interval
 
-Array = np.ndarray[Any, np.dtype[np.float64]]
-Gain = dict[str, ExactMatrix]
-
-_LMI_STATES, _THEOREM_2_STATES = 8, 3  # beyond these the paper's LMIs take longer than they are worth
 _CURVE = (0.25, 0.5, 0.7, 0.85, 0.95, 1.0)  # shares of the longest period on the trade-off curve
-_FRONTIER = Fraction(1, 2000)
-
-
-@dataclass(frozen=True)
-class Views:
-    """Plant and gain in z = S x, in balls and in floats."""
-
-    exact: Coordinates[Matrix]
-    floats: Coordinates[Array]
-
-    @staticmethod
-    def of(plant: Plant, gain: Mapping[str, ExactMatrix]) -> Views:
-        """Raises: ZeroDivisionError where S may be singular."""
-        S, L = gain["S"], gain["L"]
-        exact = coordinates(plant.A.balls(), plant.C.balls(), S.balls(), S.balls().inverse(), L.balls())
-        return Views(exact, coordinates(plant.A.floats, plant.C.floats, S.floats, exact.R.floats, L.floats))
-
-    @property
-    def positivity(self) -> PositivityLimit:
-        return positivity_limit(error_flow(self.exact.Q0), error_held(self.exact.Q1))
-
-    @property
-    def Mtot(self) -> Matrix:
-        return width_matrix(self.exact.Q0, self.exact.Q1)
 
 
 def singular(S: ExactMatrix) -> str | None:
@@ -106,7 +67,7 @@ def synthesize(family: Interval, plant: Plant, effort: int) -> Design:
         gain |= {"K_lower": family.feedback.K_lower, "K_upper": family.feedback.K_upper}
         if family.objective == "max_period":
             law = _held_law(plant, gain, law, effort)
-    return Design("interval", outcome, law, gain, tuple(_certificates(plant, gain, law, family, effort)), details=details)
+    return Design("interval", outcome, law, gain, tuple(certificates(plant, gain, law, family, effort)), details=details)
 
 
 def _designed(family: Interval, plant: Plant, effort: int) -> tuple[Gain, SamplingLaw, dict[str, Any]] | str:
@@ -167,12 +128,7 @@ def _proved_at(plant: Plant, pair: tuple[Shape, Array]) -> tuple[Gain, tuple[Sha
 
 def _holds(plant: Plant, gain: Gain, T: arb) -> bool:
     views = Views.of(plant, gain)
-    return views.positivity.holds_until(T) and _hurwitz(views) is not None
-
-
-def _hurwitz(views: Views) -> ExactMatrix | None:
-    w_star = find_w_star(width_matrix(views.floats.Q0, views.floats.Q1))
-    return w_star if w_star is not None and prove_hurwitz(views.Mtot, w_star.balls()) is not None else None
+    return views.positivity.holds_until(T) and proved_w_star(views) is not None
 
 
 def _sylvester(plant: Plant, gain: Gain, shape: Shape) -> dict[str, Any]:
@@ -216,33 +172,12 @@ def _longest_law(plant: Plant, gain: Gain, law: SamplingLaw, hull: bool) -> Samp
     if hull:
         found = largest_hull(plant, gain, law)
         return law if found is None else found[0]
-    if _hurwitz(views) is None:
+    if proved_w_star(views) is None:
         return law
     proved = views.positivity.proved
     if proved is None or proved == 0:
         return law
     return law.with_period(Exact(lower_text(fraction_ball(proved), 6)))
-
-
-def largest_hull(plant: Plant, gain: Gain, law: SamplingLaw) -> tuple[SamplingLaw, ExactMatrix] | None:
-    """The law with the largest period found for which the hull predictor contracts, and its weights."""
-    S, L, A, C = gain["S"], gain["L"], plant.A, plant.C
-    exact = (A.balls(), C.balls(), S.balls(), S.balls().inverse(), L.balls())
-
-    def prove(T: Exact) -> ExactMatrix | None:
-        at = law.with_period(T)
-        w = find_hull(A.floats, C.floats, S.floats, L.floats, at)
-        return w if w is not None and prove_hull(*exact, w.balls(), at) else None
-
-    start = law.T_max
-    low = start if prove(start) is not None else Exact(decimal_text(float(start) / 100, 6))
-    high = low
-    for _ in range(12):
-        high = Exact(decimal_text(float(high) * 1.6, 6))
-        if prove(high) is None:
-            break
-    found = largest_proved(prove, low, high, Fraction(1, 1000))
-    return None if found is None else (law.with_period(found[0]), found[1])
 
 
 def _feedback(plant: Plant, gain: Gain, law: SamplingLaw) -> Gain | None:
@@ -268,13 +203,6 @@ def _feedback(plant: Plant, gain: Gain, law: SamplingLaw) -> Gain | None:
     return None if best is None else best[1]
 
 
-def prove_feedback(plant: Plant, gain: Gain, law: SamplingLaw) -> ExactMatrix | None:
-    """P of the held loop for a law, proved; None where none was found."""
-    A, closed = closed_loop(plant, gain)
-    P = find_held_loop(A.floats, closed.floats, law)
-    return P if P is not None and prove_held_loop(A, closed, P.balls(), law) else None
-
-
 def _slowest(plant: Plant, gain: Gain, law: SamplingLaw) -> float:
     """log rho(F(T)) / T at the largest period: the rate of the held loop there."""
     from cdobs_cli.certify.falsify import exponentials
@@ -292,91 +220,3 @@ def _held_law(plant: Plant, gain: Gain, law: SamplingLaw, effort: int) -> Sampli
         return law
     found = largest_proved(lambda T: prove_feedback(plant, gain, law.with_period(T)), plant.sampling.T_max, law.T_max, Fraction(1, 1000))
     return plant.sampling if found is None else law.with_period(found[0])
-
-
-def _certificates(plant: Plant, gain: Gain, law: SamplingLaw, family: Interval, effort: int) -> list[Certificate]:
-    """One for each statement that needs numbers: w*, LMI (15), the hull's weights, the held loop, Theorem 2."""
-    views = Views.of(plant, gain)
-    found = []
-    w_star = find_w_star(width_matrix(views.floats.Q0, views.floats.Q1))
-    if w_star is not None:
-        found.append(Certificate("hurwitz", law, {"w_star": w_star.texts()}))
-    if not assumption_3(views.exact.Q1) and plant.n <= _LMI_STATES:
-        found += _lmi_15(views, law)
-    w = find_hull(plant.A.floats, plant.C.floats, gain["S"].floats, gain["L"].floats, law)
-    if w is not None:
-        found.append(Certificate("hull", law, {"w": w.texts()}))
-    frontier = largest_hull(plant, gain, law) if family.tighten == "hull" else None
-    if frontier is not None:
-        found.append(Certificate("hull_frontier", frontier[0], {"w": frontier[1].texts()}))
-    if "K_lower" in gain:
-        found += _held_loop(plant, gain, law, effort)
-        if not assumption_3(views.exact.Q1) and plant.n <= _THEOREM_2_STATES:
-            found += _theorem_2(plant, gain, views, law, effort)
-    return found
-
-
-def _lmi_15(views: Views, law: SamplingLaw) -> list[Certificate]:
-    """The largest period with a proved solution of (15): it serves every smaller one."""
-    limit = lmi_15_limit(views.exact)
-    if limit is None or _hurwitz(views) is None:
-        return []
-
-    def prove(T: Exact) -> Lmi15 | None:
-        return find_lmi_15(views.floats, views.exact, T.rational or Fraction(0))
-
-    low, high = (Exact(decimal_text(float(limit) * share, 8)) for share in (1e-3, 0.9996))
-    found = largest_proved(prove, low, high, _FRONTIER)
-    if found is None:
-        return []
-    return [Certificate("lmi_15", SamplingLaw("aperiodic", T_max=found[0]), found[1].document())]
-
-
-def _held_loop(plant: Plant, gain: Gain, law: SamplingLaw, effort: int) -> list[Certificate]:
-    P = prove_feedback(plant, gain, law)
-    found = [] if P is None else [Certificate("held_loop", law, {"P": P.texts()})]
-    refuted = smallest_refuted(lambda T: held_inclusion(plant, gain, law.with_period(T)), law.T_max if P is not None else None, effort)
-    high = refuted[0] if refuted is not None else Exact(decimal_text(20 * float(law.T_max), 6))
-    low = law.T_max if P is not None else Exact(decimal_text(float(high) / 100, 6))
-    frontier = largest_proved(lambda T: prove_feedback(plant, gain, law.with_period(T)), low, high, Fraction(1, 5000))
-    if frontier is not None:
-        found.append(Certificate("held_loop_frontier", law.with_period(frontier[0]), {"P": frontier[1].texts()}))
-    return found
-
-
-def _theorem_2(plant: Plant, gain: Gain, views: Views, law: SamplingLaw, effort: int) -> list[Certificate]:
-    """At the law's largest period the solution of least gamma; and the largest period where gamma is small enough."""
-    assert plant.B is not None
-    K = gain["K_lower"], gain["K_upper"]
-    exact = observer_loop(views.exact, views.exact.S @ plant.B.balls(), *(k.balls() for k in K))
-    floats = observer_loop(views.floats, views.floats.S @ plant.B.floats, *(k.floats for k in K))
-    limit = gain_limit(views.exact, plant.C.balls())
-    T = Exact(decimal_text(float(law.T_max), 12)) if law.T_max.rational is None else law.T_max
-    at_law = find_theorem_2(floats, exact, T.rational or Fraction(0))
-    found = [] if at_law is None else [Certificate("theorem_2", SamplingLaw("aperiodic", T_max=T), at_law.document())]
-    if refute_theorem_2(exact, limit) is not None or effort == 0:
-        return found
-
-    def prove(period: Exact) -> Theorem2 | None:
-        solution = find_theorem_2(floats, exact, period.rational or Fraction(0))
-        return solution if solution is not None and bool(solution.gamma.ball() < limit) else None
-
-    low = Exact(decimal_text(float(T) / 50, 6))
-    frontier = largest_proved(prove, low, Exact(decimal_text(2 * float(T), 8)), Fraction(1, 1000))
-    if frontier is not None:
-        found.append(Certificate("theorem_2_frontier", SamplingLaw("aperiodic", T_max=frontier[0]), frontier[1].document()))
-    return found
-
-
-def declared_widths(plant: Plant) -> tuple[Matrix, Matrix]:
-    """upper - lower of disturbance and noise in balls, zeros where none is declared."""
-
-    def widths(box: Any, size: int) -> Matrix:
-        if box is None:
-            return Matrix.zeros(size, 1)
-        return ExactMatrix([[high - low] for low, high in zip(box.lower, box.upper, strict=True)]).balls()
-
-    return widths(plant.disturbance, plant.n), widths(plant.noise, plant.p)
-
-
-__all__ = ["Views", "declared_widths", "singular", "synthesize"]

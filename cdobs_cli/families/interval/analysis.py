@@ -1,0 +1,117 @@
+"""One plant with one design, and what is decided of it: read by every group of claims."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from flint import arb
+
+from cdobs_cli.certificate import Bound, Certificate, Claim, Status, Witness
+from cdobs_cli.design import Design
+from cdobs_cli.exact.expression import ExpressionError
+from cdobs_cli.exact.matrix import Matrix
+from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.families.interval.positivity import PositivityLimit, positivity_limit
+from cdobs_cli.families.interval.theorems import Coordinates, assumption_3, coordinates, error_flow, error_held, width_matrix
+from cdobs_cli.plant import Plant, SamplingLaw
+
+if TYPE_CHECKING:
+    from cdobs_cli.families.interval import Interval
+
+T_ = TypeVar("T_")
+SOURCE = "Efimov2016"
+
+
+@dataclass
+class Analysis:
+    """One plant with one design: claims and bounds as they are decided.
+
+    Everything is read from the typed plant, the printed gain and the stored certificates.
+    """
+
+    family: Interval
+    plant: Plant
+    design: Design
+    effort: int
+    claims: list[Claim] = field(default_factory=list)
+    bounds: dict[str, Bound] = field(default_factory=dict)
+    reasons: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def law(self) -> SamplingLaw:
+        return self.design.sampling
+
+    @cached_property
+    def T(self) -> arb:
+        """The largest period of the law."""
+        return self.law.T_max.ball()
+
+    @cached_property
+    def z(self) -> Coordinates[Matrix]:
+        S, L = self.design.gain["S"].balls(), self.design.gain["L"].balls()
+        return coordinates(self.plant.A.balls(), self.plant.C.balls(), S, S.inverse(), L)
+
+    @cached_property
+    def Mtot(self) -> Matrix:
+        return width_matrix(self.z.Q0, self.z.Q1)
+
+    @cached_property
+    def limit(self) -> PositivityLimit:
+        return positivity_limit(error_flow(self.z.Q0), error_held(self.z.Q1), self.effort)
+
+    @cached_property
+    def structure(self) -> tuple[str, ...]:
+        return assumption_3(self.z.Q1)
+
+    @property
+    def departs(self) -> bool:
+        """Whether given S and L are not those of the observer (12): then nothing is claimed in its name. (The
+        proofs themselves couple whatever signs Q1 has, and serve found gains as they are.)"""
+        return bool(self.structure) and self.design.outcome == "given"
+
+    @property
+    def has_feedback(self) -> bool:
+        return "K_lower" in self.design.gain
+
+    def certificate(self, method: str, read: Callable[[Certificate], T_]) -> tuple[Certificate, T_] | None:
+        """The stored certificate of a method, read; None where there is none or it cannot be read."""
+        for stored in self.design.certificates:
+            if stored.method == method:
+                try:
+                    return stored, read(stored)
+                except (KeyError, ValueError, TypeError, IndexError, ExpressionError):
+                    return None
+        return None
+
+    def matrix(self, method: str, name: str) -> tuple[SamplingLaw, Matrix] | None:
+        found = self.certificate(method, lambda stored: ExactMatrix(stored.data[name]).balls())
+        return None if found is None else (found[0].sampling, found[1])
+
+    def say(
+        self, identifier: str, kind: Any, status: Status, statement: str, source: str = SOURCE, *,
+        margin: str | None = None, method: str | None = None, witness: Witness | None = None, reason: str | None = None,
+    ) -> Status:  # fmt: skip
+        """Note a claim; `reason` says in a clause why it is refuted."""
+        if reason is not None:
+            self.reasons[identifier] = reason
+            statement = f"{statement}; {reason}"
+        self.claims.append(Claim(identifier, kind, status, statement, source, margin=margin, method=method, witness=witness))
+        return status
+
+
+def at_most(one: Exact, other: Exact) -> bool:
+    """Whether one <= other is certain."""
+    return one == other or (other - one).sign() in (0, 1)
+
+
+def periods_text(law: SamplingLaw) -> str:
+    """The periods of a law, for a sentence."""
+    return f"T_k = {law.T_max}" if law.kind == "periodic" else f"T_k in [{law.T_min}, {law.T_max}]"
+
+
+def matrices(a: Analysis) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix]:
+    """A, C, S, S^-1 and L in balls."""
+    return a.plant.A.balls(), a.plant.C.balls(), a.z.S, a.z.R, a.design.gain["L"].balls()
