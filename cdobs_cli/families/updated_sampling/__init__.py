@@ -1,0 +1,116 @@
+"""The card of the family `updated_sampling`: high-gain observers that choose their sampling instants (Andrieu2014).
+
+    x_hat' = A x_hat + phi(x_hat, u) + B u,   L' = a_2 L M c(x_hat, u),   M' = a_3 M c,   between samples
+    x_hat+ = x_hat + delta_k calL K (C x_hat - y),   L+ = L (1 - a_1 alpha) + a_1 alpha,   M+ = 1
+
+The next sample is when (t - t_k) L(t) = alpha.
+Notation: A a chain of integrators, C = [1 0 .. 0], calL = diag(L, .., L^n), D = diag(1, .., n), e = x_hat - x,
+c the incremental bound of phi, P and p_1 .. p_4 of (8)-(9), delta_k the sampling periods.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+
+from pydantic import BaseModel, ConfigDict, PlainSerializer
+
+from cdobs_cli.chart import Exhibits
+from cdobs_cli.errors import Problem
+from cdobs_cli.exact.expression import Expression
+from cdobs_cli.families.base import Family
+from cdobs_cli.families.fields import NonNegativeNumber, PositiveNumber, Rows, formula
+
+if TYPE_CHECKING:
+    from cdobs_cli.certificate import Check
+    from cdobs_cli.design import Design
+    from cdobs_cli.exact.numbers import ExactMatrix
+    from cdobs_cli.hybrid import HybridInclusion, Observer
+    from cdobs_cli.plant import Plant
+    from cdobs_cli.run import Run, SimulationPlan
+
+
+class Gain(BaseModel):
+    """A given gain: K, shape (n, 1), and the numbers alpha, a1, a2, a3 of (6)-(7)."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+
+    K: Rows
+    alpha: PositiveNumber
+    a1: PositiveNumber
+    a2: PositiveNumber
+    a3: NonNegativeNumber
+
+
+class UpdatedSampling(Family):
+    """`observer: {family: updated_sampling, ..}`."""
+
+    source: ClassVar[str] = "Andrieu2014"
+    example: ClassVar[str] = """\
+spec_version: 1
+title: Pendulum on a shaken pivot, measured when the observer asks
+plant:
+  states: [theta, omega]
+  inputs:
+    g: {range: [0.5, 4]}             # acceleration of the pivot and gravity, known
+  A: [[0, 1], [0, 0]]                # a chain of integrators
+  phi: ["0", "g*sin(theta)"]
+  lipschitz: [[0, 0], [[-4, 4], 0]]  # lower triangular; an entry may be a number, [lo, hi] or auto
+measurement:
+  C: [[1, 0]]                        # the first state
+  sampling: {updated: true}          # the observer chooses its sampling instants
+observer:
+  family: updated_sampling
+  objective: max_period              # the longest guaranteed period; or given_alpha, with alpha: 0.5
+  method: theorem_2_prime            # or theorem_2: the constants of the paper
+  variant: triangular                # or last_row: slopes in the last row only, |phi_n| bounded by c |e|
+  # c: "1.01*g"                      # a bound of the slopes in terms of estimate and inputs; absent: derived
+  # gain: {K: [[-2], [-1]], alpha: 0.5, a1: 1, a2: 0.1, a3: 0.1}  # given: analyse this one; absent: find one
+simulation:
+  horizon: 10
+  initial_state: [1, 0]
+  initial_estimate: [0, 0]
+  signals: {g: "2 + 1.5*sin(t)"}
+expect:
+  - {quantity: verdict, equals: proved}
+  - {quantity: simulation.overall.error_final, at_most: 0.001}
+"""
+
+    family: Literal["updated_sampling"] = "updated_sampling"
+    objective: Literal["max_period", "given_alpha"] = "max_period"
+    method: Literal["theorem_2_prime", "theorem_2"] = "theorem_2_prime"
+    variant: Literal["triangular", "last_row"] = "triangular"
+    alpha: PositiveNumber | None = None
+    c: Annotated[Expression, formula("coordinates", "inputs"), PlainSerializer(str)] | None = None
+    gain: Gain | None = None
+
+    def problems(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:
+        from cdobs_cli.families.updated_sampling.structure import problems
+
+        return problems(self, plant)
+
+    def synthesize(self, plant: Plant, effort: int) -> Design:
+        from cdobs_cli.families.updated_sampling.synthesis import synthesize
+
+        return synthesize(self, plant, effort)
+
+    def certify(self, plant: Plant, design: Design, effort: int) -> Check:
+        from cdobs_cli.families.updated_sampling.claims import certify
+
+        return certify(self, plant, design, effort)
+
+    def observer(self, plant: Plant, design: Design) -> Observer:
+        from cdobs_cli.families.updated_sampling.observer import observer
+        from cdobs_cli.families.updated_sampling.synthesis import stored_rate
+
+        return observer(plant, design, stored_rate(self, plant, design))
+
+    def inclusion(self, plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
+        from cdobs_cli.families.updated_sampling.member import free_member
+
+        return free_member(plant, gain)
+
+    def exhibits(self, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
+        from cdobs_cli.families.updated_sampling.exhibits import exhibits
+
+        return exhibits(plant, design, check, run)
