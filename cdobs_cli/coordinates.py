@@ -341,11 +341,10 @@ def _linear_part(f: Sequence[Expression], names: Sequence[str], *, cancel: bool 
         row: list[Expression] = [ZERO] * len(names)
         left: Expression = ZERO
         for term in _terms(simplify(one) if cancel else one):
-            held = [j for j, name in enumerate(names) if name in term.variables]
-            slope = simplify(term.derivative(names[held[0]])) if len(held) == 1 and len(term.variables) == 1 else None
-            offset = term.substitute({names[held[0]]: ZERO}) if slope is not None and _is_plain(term) else None
-            if slope is not None and not slope.variables and offset is not None and simplify(offset) == ZERO:
-                row[held[0]] = simplify(row[held[0]] + slope)
+            slopes = [simplify(term.derivative(name)) for name in names]
+            linear = _is_plain(term) and not any(slope.variables for slope in slopes)
+            if linear and simplify(term.substitute(dict.fromkeys(names, ZERO))) == ZERO:
+                row = [simplify(entry + slope) for entry, slope in zip(row, slopes, strict=True)]
             else:
                 left = left + term
         rows.append([Exact(entry) for entry in row])

@@ -152,6 +152,9 @@ def _negated(text: str) -> str:
 
 def automatic(slope: Expression, region: Region) -> tuple[str, str] | None:
     """A proved enclosure of the slope over the region, or None where none was found."""
+    own = range_of(slope, region.box)
+    if own.is_point and isinstance(own.lower, Fraction):
+        return (str(Exact(own.lower)),) * 2
     high = least_bound(slope, region)
     low = least_bound(-slope, region) if high is not None else None
     return None if high is None or low is None else (_negated(low), high)

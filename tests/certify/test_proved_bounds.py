@@ -1,0 +1,91 @@
+"""Automatic bounds of random nonlinearities: no sampled point violates what was proved."""
+
+import random
+from fractions import Fraction
+
+import numpy as np
+
+from cdobs_cli.certify.bounded import bounded
+from cdobs_cli.certify.region import Region
+from cdobs_cli.certify.slopes import automatic
+from cdobs_cli.exact.compiled import compile_floats
+from cdobs_cli.exact.expression import Number, Variable, call, parse, power
+from cdobs_cli.exact.functions import fraction_ball
+from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.plant import Interval
+
+NAMES = ("x", "y", "u")
+TRIANGLE = parse("x - y", frozenset(NAMES))
+
+
+def smooth(source, depth):
+    """A random expression that is defined for all values."""
+    if depth == 0:
+        return source.choice([*(Variable(name) for name in NAMES), Number(Fraction(source.randint(-20, 20), 10))])
+    a = smooth(source, depth - 1)
+    match source.randint(0, 7):
+        case 0 | 1:
+            return a + smooth(source, depth - 1)
+        case 2 | 3:
+            return a * smooth(source, depth - 1)
+        case 4:
+            return a / (Number(Fraction(3, 2)) + power(smooth(source, depth - 1), Fraction(2)))
+        case 5:
+            return call(source.choice(["sin", "cos", "tanh"]), a)
+        case 6:
+            return call(source.choice(["abs", "sin"]), a)
+        case _:
+            return call(source.choice(["min", "max"]), a, smooth(source, depth - 1))
+
+
+def sampled_violations(seed, expressions, points):
+    """Bounds violated beyond any doubt at a sampled point; how many bounds were proved; their looseness."""
+    source, draws = random.Random(seed), np.random.default_rng(seed)
+    violations, looseness = [], []
+    for _ in range(expressions):
+        slope = smooth(source, source.randint(2, 4)).derivative("x")
+        ends = {
+            name: Interval(Exact(low), Exact(high)) for name, low, high in (("x", "-1", "2"), ("y", "-1.3", "0.7"), ("u", "0.1", "0.9"))
+        }
+        region = Region.made(ends, NAMES, (TRIANGLE,))
+        found = automatic(slope, region)
+        if found is None:
+            continue
+        low, high = float(found[0]), float(found[1])
+        sample = draws.uniform([-1, -1.3, 0.1], [2, 0.7, 0.9], (points, 3))
+        sample = sample[sample[:, 0] >= sample[:, 1]]
+        (values,) = compile_floats([slope], NAMES, arrays=True)(*sample.T)
+        values = np.broadcast_to(values, sample.shape[:1])
+        # Points that floats put outside are judged again in balls.
+        for k in np.flatnonzero((values > high) | (values < low))[:50]:
+            ball = slope.ball({name: fraction_ball(Fraction(float(at))) for name, at in zip(NAMES, sample[k], strict=True)})
+            if ball > Exact(found[1]).ball() or ball < Exact(found[0]).ball():
+                violations.append((str(slope), sample[k]))
+        seen = float(values.max() - values.min())
+        looseness.append((high - low) / seen - 1 if seen > 1e-9 else 0.0)
+    return violations, looseness
+
+
+def test_no_sampled_point_violates_an_automatic_bound():
+    violations, looseness = sampled_violations(seed=11, expressions=20, points=10_000)
+    assert not violations
+    assert len(looseness) >= 15
+    # Samples miss the ends a little; bounds are within a few hundredths of what they meet.
+    assert np.median(looseness) < 0.03
+
+
+def test_a_bound_just_below_a_sampled_value_is_never_proved():
+    source, draws = random.Random(4), np.random.default_rng(4)
+    ends = {name: Interval(Exact("-1"), Exact("1")) for name in NAMES}
+    region = Region.made(ends, NAMES, ())
+    judged = 0
+    for _ in range(25):
+        function = smooth(source, 3)
+        sample = draws.uniform(-1, 1, (200, 3))
+        (values,) = compile_floats([function], NAMES, arrays=True)(*sample.T)
+        best = float(np.max(values))
+        if np.isfinite(best):
+            judged += 1
+            limit = Exact(str(Fraction(best) - Fraction(1, 10**6)))
+            assert bounded(function, region, limit, 200_000).status != "proved"
+    assert judged > 15
