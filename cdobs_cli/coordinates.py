@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 MAX_TRANSFORMED = 8
 SOURCE = "cdobs, coordinates"
 # Images are supersets in any case: a hundredth of their width is close enough.
-COARSE = (0.01, 0.05, 0.5)
+COARSE = 0.01
 
 
 @dataclass(frozen=True)

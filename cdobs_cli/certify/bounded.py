@@ -8,13 +8,11 @@ from fractions import Fraction
 from math import ceil, inf, isfinite, log10
 from typing import Literal
 
-from flint import arb
-
 from cdobs_cli.certify.points import high_points, point_balls
 from cdobs_cli.certify.reduction import pieces
 from cdobs_cli.certify.region import Region
-from cdobs_cli.certify.supremum import supremum
-from cdobs_cli.exact.expression import Expression
+from cdobs_cli.certify.supremum import ROUND, supremum
+from cdobs_cli.exact.expression import Call, Expression
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, arb_fraction, fraction_text, upper_text
 from cdobs_cli.exact.ranges import Range, range_of
@@ -22,8 +20,8 @@ from cdobs_cli.exact.ranges import Range, range_of
 # Work of one search: nodes of the expression times boxes.
 FULL = 6_000_000
 TRIAL = 400_000
+SLOW = frozenset({"sin", "cos", "tan", "tanh", "sinh", "cosh", "exp", "log", "sqrt"})
 _SHORT = 8
-TOLERANCES = (0.002, 0.008, 0.05, 0.5)
 
 
 @dataclass(frozen=True)
@@ -37,30 +35,36 @@ class Bounded:
 
 
 def bounded(function: Expression, region: Region, limit: Exact, work: int) -> Bounded:
-    """Decide function <= limit over the region."""
-    value, status = -inf, True
-    point, box = None, None
-    for piece in pieces(function, region):
-        size = sum(sum(1 for _ in form.walk()) for form in piece.forms)
-        if all(range_of(form, piece.region.box).upper == -inf for form in piece.forms):
-            continue
-        found = supremum(piece.forms, piece.region, limit, max(64, work // (size * (1 + len(region.names)))))
+    """Decide function <= limit over the region; the pieces share the work."""
+    parts = list(pieces(function, region))
+    value, proved = -inf, True
+    box = None
+    for piece in parts:
+        n, size = len(piece.region.names), sum(_size(form) for form in piece.forms)
+        cost = size * (1 + n) + 4 * len(piece.region.where) * n * (n + 2)
+        found = supremum(piece.forms, piece.region, limit, max(4 * ROUND, work // (cost * len(parts))))
+        if found.status == "exceeded":
+            return Bounded("undecided", inf, found.point)
         value = max(value, found.bound)
         if found.status != "proved":
-            status = False
-            point = point or found.point
+            proved = False
             box = box or found.box
-            if found.status == "exceeded":
-                return Bounded("undecided", inf, found.point)
-    return Bounded("proved" if status else "undecided", value, point, box)
+    return Bounded("proved" if proved else "undecided", value, None, box)
 
 
-def least_bound(function: Expression, region: Region, tolerances: tuple[float, ...] = TOLERANCES, work: int = FULL) -> str | None:
+def _size(expression: Expression) -> int:
+    """Nodes, those weighted that are taken from balls, point by point."""
+    nodes = list(expression.walk())
+    slow = sum(1 for node in nodes if isinstance(node, Call) and node.function in SLOW)
+    return len(nodes) + 10 * slow
+
+
+def least_bound(function: Expression, region: Region, tolerance: float = 0.002, work: int = FULL) -> str | None:
     """A short decimal c, close to the supremum, for which function <= c is proved; None where there is none.
 
     Tried in turn: the end of the function's own range and the largest value met at a point, where these are
-    short decimals (suprema that are attained come out exactly); then that value and a small part of the width,
-    one of `tolerances` after the other.
+    short decimals (suprema that are attained come out exactly); then that value and a part `tolerance` of the
+    width. Where the work does not suffice for that, the bound that was reached.
     """
     own = range_of(function, region.box)
     met, attained = _largest(function, region)
@@ -70,28 +74,24 @@ def least_bound(function: Expression, region: Region, tolerances: tuple[float, .
     width = float(met + lowest) if lowest is not None else 0.0
     if isinstance(own.upper, Fraction) and _is_short(own.upper) and own.upper - met <= Fraction(max(width, 1e-9 * abs(float(met)))) / 1000:
         return fraction_text(own.upper)
+    room = max(tolerance * width, 1e-9 * abs(float(met)), 1e-12)
     if attained and _is_short(met):
-        found = bounded(function, region, Exact(met), min(TRIAL, work) // 8)
+        found = bounded(function, region, Exact(met), min(TRIAL, work))
         if found.status == "proved":
             return fraction_text(met)
-        room = max(tolerances[0] * width, 1e-12)
         if found.value <= float(met) + room:
             return _above(Fraction(found.value), room)
     if region.unbounded and bounded(function, region, Exact(_above(2 * abs(met), 1)), TRIAL).value == inf:
         return None
-    for tolerance in tolerances:
-        room = max(tolerance * width, 1e-9 * abs(float(met)), 1e-12)
-        for _ in range(3):
-            limit = _above(met + Fraction(room) / 2, room)
-            found = bounded(function, region, Exact(limit), work)
-            if found.status == "proved":
-                return limit
-            if found.point is None:
-                break
-            met = max(met, _value(function, found.point) or met)
-        if isfinite(found.value) and found.value <= float(met) + 10 * room:
-            return _above(Fraction(found.value), room)
-    return upper_text(arb(found.value), 6) if isfinite(found.value) else None
+    for _ in range(4):
+        limit = _above(met + Fraction(room) / 2, room)
+        found = bounded(function, region, Exact(limit), work)
+        if found.status == "proved":
+            return limit
+        if found.point is None:
+            return _above(Fraction(found.value), room) if isfinite(found.value) else None
+        met = max(met, _value(function, found.point) or met)
+    return None
 
 
 def _is_short(value: Fraction) -> bool:

@@ -28,7 +28,7 @@ from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.exact.ranges import Range, range_of
 
-CHUNK = 2048
+CHUNK, ROUND = 2048, 100
 PATIENCE = 8
 _NEAR = 1e-9
 
@@ -73,7 +73,8 @@ class _Search:
             order = np.argsort(-upper, kind="stable")
             take, keep = order[:CHUNK], order[CHUNK:]
             X, rest = (low[take], high[take]), (low[keep], high[keep], upper[keep])
-            count += len(take)
+            # A round on few boxes costs as much as one on many.
+            count += max(len(take), ROUND)
             X = self.contract(X)
             if not len(X[0]):
                 low, high, upper = rest

@@ -5,6 +5,7 @@ python tests/benchmarks/bench_slopes.py [expressions]
 
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "certify"))
@@ -31,12 +32,12 @@ def line(phi, low, high):
 
 if __name__ == "__main__":
     for phi, low, high in (("sin(a)", "-1", "1"), ("0.3*sin(a)", "-0.3", "0.3"), ("tanh(a)", "0", "1"), ("sat(a)", "0", "1")):
-        timed(f"{phi} on R", lambda plant=line(phi, low, high): decided(plant))
+        timed(f"{phi} on R", partial(decided, line(phi, low, high)))
     box = {"x1": ("-2", "2"), "x2": ("-3", "3")}
     oscillator = make_plant(["x1", "x2"], ["0", "(1 - x1**2)*x2"], box=box, auto=[(1, 0), (1, 1)])
     timed("van der Pol, auto", lambda: resolve(oscillator)[1])
     for below, second in (("2.05", "6.51"), ("1.99", "6.49"), ("2", "6.5")):
-        timed(f"bioreactor, {below} and {second}", lambda plant=bioreactor(below, second): decided(plant))
+        timed(f"bioreactor, {below} and {second}", partial(decided, bioreactor(below, second)))
     timed("bioreactor, auto", lambda: resolve(bioreactor(auto=[(0, 0), (1, 0), (1, 1)]))[1])
     start = time.perf_counter()
     violations, looseness = sampled_violations(7, int(sys.argv[1]) if len(sys.argv) > 1 else 100, 100_000)

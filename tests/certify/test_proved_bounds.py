@@ -15,6 +15,7 @@ from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.plant import Interval
 
 NAMES = ("x", "y", "u")
+BOX = (("x", "-1", "2"), ("y", "-1.3", "0.7"), ("u", "0.1", "0.9"))
 TRIANGLE = parse("x - y", frozenset(NAMES))
 
 
