@@ -198,7 +198,7 @@ def _within(region: Region, a: Expression) -> tuple[Expression, ...]:
 
 
 def _with_largest(plant: Plant, c: Expression, origin: Origin, known: Exact | None) -> Rate:
-    found = least_bound(c, _region(plant, ""), (0.01, 0.1), TRIAL)
+    found = least_bound(c, _region(plant, ""), 0.01, TRIAL)
     largest = known if found is None else Exact(found)
     if known is not None and largest is not None and float(known) < float(largest):
         largest = known
