@@ -28,7 +28,7 @@ from cdobs_cli.plant import Interval, Plant
 
 HAT = "hat."
 BETWEEN = "between."
-_ROUGH = (0.01, 0.1, 0.5)
+_ROUGH = 0.01
 SOURCE = "Andrieu2014, Assumption 1, (3)"
 Origin = Literal["typed", "derived", "constant"]
 
