@@ -73,20 +73,10 @@ def _synthesis_end(plant: Plant, T: float) -> float | None:
 def _rate_of_synthesis(plant: Plant) -> dict[str, Any] | None:
     """The largest rate the convex synthesis reaches under the plant's law, with its rounded gain, proved."""
     T = float(plant.sampling.T_max)
-    first = wirtinger.design(plant, T)
-    low, high, best = 0.0, 1.0 / T, first
-    while (above := wirtinger.propose(plant, T, high, best.epsilon)).margin > 0 and high < 1e3 / T:
-        low, high, best = high, 2 * high, above
-    for _ in range(8):
-        middle = (low + high) / 2
-        at_middle = wirtinger.propose(plant, T, middle, best.epsilon)
-        if at_middle.margin > 0:
-            low, best = middle, at_middle
-        else:
-            high = middle
+    rate, best = wirtinger.fastest(plant, T)
     L = ExactMatrix.from_floats(best.L, GAIN_DIGITS)
     for share in (0.99, 0.95, 0.8, 0.0):
-        sigma = short(share * low) if share * low > 0 else Exact(0)
+        sigma = short(share * rate) if share * rate > 0 else Exact(0)
         if wirtinger.analyse(plant, L, plant.sampling.T_max, sigma.rational or Fraction(0)) is not None:
             return {"period": str(plant.sampling.T_max), "rate": str(sigma), "L": L.texts()}
     return None

@@ -129,23 +129,12 @@ def _wirtinger_gain(plant: Plant, objective: str) -> Found:
     T = float(plant.sampling.T_max)
     if objective == "max_period":
         return _wirtinger_longest(plant)
-    first = wirtinger.design(plant, T)
-    if not first.margin > 0:
+    sigma, best = wirtinger.fastest(plant, T)
+    if not best.margin > 0:
         raise NoDesignError(f"the Wirtinger inequality was solved for no gain at the period {plant.sampling.T_max}")
-    low, high, epsilon = 0.0, 1.0 / T, first.epsilon
-    best = first
-    while (proposal := wirtinger.redesign(plant, T, high, epsilon)).margin > 0 and high < 1e3 / T:
-        low, high, best, epsilon = high, 2 * high, proposal, proposal.epsilon
-    for _ in range(8):
-        middle = (low + high) / 2
-        proposal = wirtinger.propose(plant, T, middle, epsilon)
-        if proposal.margin > 0:
-            low, best = middle, proposal
-        else:
-            high = middle
     shares = (0.5, 0.25, 0.0) if objective == "given_period" else (0.99, 0.97, 0.9, 0.5)
     for share in shares:
-        proposal = wirtinger.redesign(plant, T, share * low, best.epsilon)
+        proposal = wirtinger.redesign(plant, T, share * sigma, best.epsilon)
         L = ExactMatrix.from_floats(proposal.L, GAIN_DIGITS)
         if proposal.margin > 0 and wirtinger.analyse(plant, L, plant.sampling.T_max) is not None:
             return Found(L, plant.sampling.T_max)

@@ -163,3 +163,24 @@ def redesign(plant: Plant, tau: float, sigma: float, epsilon: float) -> Proposal
     """`propose` at an epsilon that did well nearby; the whole line search where that fails."""
     found = propose(plant, tau, sigma, epsilon)
     return found if found.margin > 0 else design(plant, tau, sigma)
+
+
+def fastest(plant: Plant, tau: float) -> tuple[float, Proposal]:
+    """The largest rate met at one period, and its proposal; the margin is not positive where there is none.
+
+    Doubles the rate from 1 / tau, then bisects, at the epsilon that did best before.
+    """
+    best = design(plant, tau)
+    low, high = 0.0, 1.0 / tau
+    if not best.margin > 0:
+        return low, best
+    while (above := redesign(plant, tau, high, best.epsilon)).margin > 0 and high < 1e3 / tau:
+        low, high, best = high, 2 * high, above
+    for _ in range(8):
+        middle = (low + high) / 2
+        at_middle = propose(plant, tau, middle, best.epsilon)
+        if at_middle.margin > 0:
+            low, best = middle, at_middle
+        else:
+            high = middle
+    return low, best
