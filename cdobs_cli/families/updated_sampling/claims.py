@@ -95,7 +95,8 @@ def _hurwitz_claim(numbers: Numbers) -> Claim:
         shown = f": an eigenvalue is {found[0]}" if found else ""
         text = f"{statement}{shown}."
         return Claim("hurwitz", "certificate", "refuted", text, "Andrieu2014, (9)", method="eigenvalues in balls", witness=witness)
-    return Claim("hurwitz", "certificate", _status(closed.is_rational and is_hurwitz(closed)), f"{statement}.", "Andrieu2014, (9)", method="eigenvalues in balls")
+    status = _status(closed.is_rational and is_hurwitz(closed))
+    return Claim("hurwitz", "certificate", status, f"{statement}.", "Andrieu2014, (9)", method="Routh's array, exact")
 
 
 def _is_unstable(closed: Matrix) -> bool:
