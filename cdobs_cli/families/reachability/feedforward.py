@@ -16,21 +16,27 @@ allowed, and enclosed for every branch. All in balls.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 
 from flint import arb
 
 from cdobs_cli.exact.functions import hull
 from cdobs_cli.exact.matrix import Matrix
-from cdobs_cli.exact.numbers import EXACT_ZERO, Exact
+from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
 from cdobs_cli.families.reachability.interval_matrix import IntervalMatrix
-from cdobs_cli.plant import Plant
+from cdobs_cli.plant import Plant, Slopes
 
 TERMS = 24
-SHORTEST = Fraction(1, 2**36)
-MAX_STEPS = 3000
+SHORTEST = Fraction(1, 2**28)  # of the longest step
+MAX_STEPS = 500
+PASSES = 4
+EXPANDED = 8
 NEGLIGIBLE = arb(2) ** -46
+
+Difference = Callable[[arb, int, arb, int], arb]
 
 
 @dataclass(frozen=True)
@@ -53,6 +59,11 @@ class Bounds:
     components: tuple[int, ...]
     even: frozenset[int]
 
+    @property
+    def constant(self) -> bool:
+        """Whether no entry varies: m- = m+."""
+        return all(entry.low is entry.up for entry in self.entries.values())
+
     def lipschitz(self) -> arb:
         """A Lipschitz constant of the right hand side, in the maximum norm."""
         largest = arb(0)
@@ -62,11 +73,11 @@ class Bounds:
                 if (k, i) in self.entries:
                     row += self.entries[k, i].low.abs_upper().max(self.entries[k, i].up.abs_upper())
             largest = largest.max(row.upper())
-        return largest
+        return (largest * (1 + arb(2) ** -60)).upper()
 
-    def slope(self, piece: list[arb], negligible: arb) -> tuple[Matrix, arb, bool]:
+    def slope(self, piece: list[arb], difference: Difference, negligible: arb) -> tuple[Matrix, arb, bool]:
         """G and f with |dX/dt - G X| <= f wherever X stays in `piece`, and whether every branch that matters
-        is decided."""
+        is decided. `difference(p, x, q, y)` encloses p X_x - q X_y there."""
         size = len(self.components)
         G = [[arb(0) for _ in range(2 * size)] for _ in range(2 * size)]
         forcing = [arb(0)] * (2 * size)
@@ -103,8 +114,8 @@ class Bounds:
                 else:
                     # max{up m+, low m-} and min{low m+, up m-}; both products agree where all is even.
                     tie = entry.centred and i in self.even
-                    decided &= choose(size + a, arb(0) if tie else up * m_up - low * m_low, (plus, up), (minus, low))
-                    decided &= choose(a, arb(0) if tie else up * m_low - low * m_up, (plus, low), (minus, up))
+                    decided &= choose(size + a, arb(0) if tie else difference(up, plus, low, minus), (plus, up), (minus, low))
+                    decided &= choose(a, arb(0) if tie else difference(up, minus, low, plus), (plus, low), (minus, up))
         return Matrix.from_rows(G), max(forcing, key=float).upper(), decided
 
 
@@ -117,35 +128,42 @@ def lemma_3_1(plant: Plant, delta: arb) -> IntervalMatrix | None:
     taken at each instant; any structure is allowed.
     """
     n = plant.n
-    entries = bounds_of_entries(plant)
-    columns = [_advance(_bounds(entries, n, j), j, delta) for j in range(n)]
-    lower = [[arb(0)] * n for _ in range(n)]
-    upper = [list(row) for row in lower]
-    for j, column in enumerate(columns):
-        if column is None:
-            return None
-        components, X = column
-        constant = all(entries[k, i].low is entries[k, i].up for k in components for i in components if (k, i) in entries)
-        for a, k in enumerate(components):
-            lower[k][j] = X[a]
-            upper[k][j] = X[a] if constant else X[len(components) + a]
+    columns = columns_of(plant.A, plant.slopes)
     zero = arb(0)
-    for j, column in enumerate(columns):
-        for k in range(n):
-            if column is not None and k not in column[0]:
-                lower[k][j] = upper[k][j] = zero
-    return IntervalMatrix.between(lower, upper)
+    lower = [[zero] * n for _ in range(n)]
+    upper = [list(row) for row in lower]
+    for j, column in enumerate(columns or ()):
+        X = column.at(delta)
+        if X is None:
+            return None
+        size = len(column.bounds.components)
+        for a, k in enumerate(column.bounds.components):
+            lower[k][j] = X[a]
+            upper[k][j] = X[a] if column.bounds.constant else X[size + a]
+    return IntervalMatrix.between(lower, upper) if columns is not None else None
 
 
-def bounds_of_entries(plant: Plant) -> dict[tuple[int, int], Entry]:
-    """U_kl = A_kl + [lower_kl, upper_kl] where it is not the number 0."""
+@lru_cache(maxsize=4)
+def columns_of(A: ExactMatrix, slopes: Slopes) -> tuple[Column, ...] | None:
+    """The columns of the bounding system, kept for the next period; None where the sign of an end is open."""
+    entries = bounds_of_entries(A, slopes)
+    if entries is None:
+        return None
+    return tuple(Column(_bounds(entries, A.shape[0], j), j) for j in range(A.shape[0]))
+
+
+def bounds_of_entries(A: ExactMatrix, slopes: Slopes) -> dict[tuple[int, int], Entry] | None:
+    """U_kl = A_kl + [lower_kl, upper_kl] where it is not the number 0; None where the sign of an end is open."""
     entries = {}
-    for k in range(plant.n):
-        for i in range(plant.n):
-            low = plant.A[k, i] + plant.slopes.lower[k, i]
-            up = plant.A[k, i] + plant.slopes.upper[k, i]
+    n = A.shape[0]
+    for k in range(n):
+        for i in range(n):
+            low = A[k, i] + slopes.lower[k, i]
+            up = A[k, i] + slopes.upper[k, i]
             if low == up == EXACT_ZERO:
                 continue
+            if low.sign() is None or up.sign() is None:
+                return None
             ball = low.ball()
             entries[k, i] = Entry(ball, ball if low == up else up.ball(), _opposite(low, up))
     return entries
@@ -167,45 +185,96 @@ def _bounds(entries: dict[tuple[int, int], Entry], n: int, start: int) -> Bounds
     return Bounds({pair: entry for pair, entry in entries.items() if set(pair) <= reached}, tuple(sorted(reached)), frozenset(even))
 
 
-def _advance(bounds: Bounds, start: int, delta: arb) -> tuple[tuple[int, ...], list[arb]] | None:
-    """X(delta) from the unit vector, by steps as long as the branches stay decided."""
-    size = len(bounds.components)
-    unit = [arb(int(k == start)) for k in bounds.components]
-    X = unit + list(unit)
-    end = delta.upper()
-    L = bounds.lipschitz()
-    if not (end.is_finite() and L.is_finite()):
+class Column:
+    """X along time from the unit vector of one state, by steps as long as the branches stay decided.
+
+    Steps are kept: a later question continues from the last one before it."""
+
+    def __init__(self, bounds: Bounds, start: int) -> None:
+        self.bounds = bounds
+        self.L = bounds.lipschitz()
+        unit = [arb(int(k == start)) for k in bounds.components]
+        self.times = [Fraction(0)]
+        self.states = [unit + list(unit)]
+        size = float(self.L) if self.L.is_finite() else 0.0
+        self.longest = Fraction(1) if size == 0.0 else 1 / (2 * Fraction(size) * (1 + Fraction(1, 10**6)))
+        self.shortest = self.longest * SHORTEST
+        self.length = self.shortest
+
+    def at(self, delta: arb) -> list[arb] | None:
+        """X(delta), enclosed; None where that takes too many steps."""
+        if not (self.L.is_finite() and delta.is_finite() and self.L * delta < MAX_STEPS / 2):
+            return None
+        while len(self.times) < MAX_STEPS:
+            length = min(self.length, self.longest)
+            if not _ball(self.times[-1] + length) <= delta:
+                break
+            X, decided = self._step(self.states[-1], _ball(length))
+            if not decided and length > self.shortest:
+                self.length = max(length / 2, self.shortest)
+                continue
+            self.times.append(self.times[-1] + length)
+            self.states.append(X)
+            self.length = length * 2
+        if len(self.times) >= MAX_STEPS and _ball(self.times[-1] + self.longest) < delta:
+            return None
+        last = max(k for k, time in enumerate(self.times) if k == 0 or _ball(time) <= delta)
+        return self._finish(self.states[last], delta - _ball(self.times[last]))
+
+    def _finish(self, X: list[arb], rest: arb) -> list[arb] | None:
+        """What is left after the last kept step."""
+        done, length = Fraction(0), self.longest
+        for _ in range(MAX_STEPS):
+            whole = not _ball(done + length) < rest
+            after, decided = self._step(X, rest - _ball(done) if whole else _ball(length))
+            if not decided and length > self.shortest:
+                length = max(length / 2, self.shortest)
+            elif whole:
+                return after if all(value.is_finite() for value in after) else None
+            else:
+                X, done, length = after, done + length, length * 2
         return None
-    if not 2 * L * end < MAX_STEPS:
-        return None
-    longest = 1 / (2 * Fraction(float((L * end).upper())) + 2)
-    done, share = Fraction(0), SHORTEST
-    for _ in range(MAX_STEPS):
-        if done == 1:
-            return bounds.components, X
-        share = min(share, longest, 1 - done)
-        h = delta * _ball(share)
+
+    def _step(self, X: list[arb], h: arb) -> tuple[list[arb], bool]:
+        """X after h, and whether every branch that matters was decided."""
+        bounds, L = self.bounds, self.L
         size_X = max((value.abs_upper() for value in X), key=float)
-        everything = Matrix.from_rows([[hull(arb(0), h.upper())]])[0, 0]
         # Whatever the branches are, X moves by at most (exp(L h) - 1) |X|; then by the series of every branch.
         drift = ((L * h).exp() - 1).upper() * size_X
         piece = [value + hull(-drift, drift) for value in X]
         negligible = NEGLIGIBLE * size_X
-        G, forcing, _ = bounds.slope(piece, negligible)
-        piece = _series(G, X, everything, L, h, size_X, forcing)
-        G, forcing, decided = bounds.slope(piece, negligible)
-        if not decided and share > SHORTEST:
-            share /= 2
-            continue
-        X = _series(G, X, h, L, h, size_X, forcing)
-        if not all(value.is_finite() for value in X):
-            return None
+        G, forcing, decided = bounds.slope(piece, lambda p, x, q, y: p * piece[x] - q * piece[y], negligible)
+        elapsed = hull(arb(0), h.upper())
+        # Each round gains a power of h: small components need some to show their sign.
+        for _ in range(PASSES):
+            piece = _series(G, X, elapsed, L, h, size_X, forcing)
+            G, forcing, decided = bounds.slope(piece, _expansion(G, X, piece, elapsed, ((L * h).exp() * h * forcing).upper()), negligible)
+            if decided:
+                break
+        after = _series(G, X, h, L, h, size_X, forcing)
         for a, k in enumerate(bounds.components):
             if k in bounds.even:
-                X[a] = -X[size + a]
-        done += share
-        share *= 2
-    return None
+                after[a] = -after[len(bounds.components) + a]
+        return after, decided
+
+
+def _expansion(G: Matrix, X: list[arb], piece: list[arb], elapsed: arb, slack: arb) -> Difference:
+    """p X_x - q X_y over the step: row vectors g G^k first, so that what cancels does, at X, and the last on
+    `piece`. `slack` is what the forcing adds to a component."""
+    matrix = G.arb
+    start, later = (Matrix.from_rows([[value] for value in values]).arb for values in (X, piece))
+    size = len(X)
+
+    def difference(p: arb, x: int, q: arb, y: int) -> arb:
+        g = Matrix.from_rows([[(p if i == x else arb(0)) - (q if i == y else arb(0)) for i in range(size)]]).arb
+        total = hull(-slack, slack) * (abs(p) + abs(q))
+        power = arb(1)
+        for k in range(EXPANDED):
+            total = total + (g * start)[0, 0] * power
+            g, power = g * matrix, power * elapsed / (k + 1)
+        return total + (g * later)[0, 0] * power
+
+    return difference
 
 
 def _series(G: Matrix, X: list[arb], s: arb, L: arb, h: arb, size: arb, forcing: arb) -> list[arb]:

@@ -13,7 +13,7 @@ from reachability_plants import PRINTED, feedforward, plant, symmetric_chain
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.families.reachability import Reachability
 from cdobs_cli.families.reachability.escape import escapes
-from cdobs_cli.families.reachability.feedforward import lemma_3_1
+from cdobs_cli.families.reachability.feedforward import columns_of, lemma_3_1
 from cdobs_cli.families.reachability.sets import inclusion_12, matrix_set, reachable_box
 
 
@@ -127,3 +127,18 @@ def test_a_set_that_is_a_little_too_small_is_not_proved():
     boxes = matrix_set(Reachability(set=small), p, Exact("0.6"))
     assert not inclusion_12(box, boxes)
     assert escapes(p, Exact("0.6"), boxes).data["entry"] == [1, 2]
+
+
+def test_a_dense_triangular_plant_of_six_states():
+    n = 6
+    chain_of_ones = [[int(j == i + 1) for j in range(n)] for i in range(n)]
+    box_of = [[int(j >= i) for j in range(n)] for i in range(n)]
+    p = plant(chain_of_ones, [[-v for v in row] for row in box_of], box_of, [[1] + [0] * (n - 1)], 1)
+    box = lemma_3_1(p, arb("0.9"))
+    Phi = histories(p, 0.9, 100)
+    assert np.all(Phi <= box.upper.floats + 1e-9)
+    assert np.all(Phi >= box.lower.floats - 1e-9)
+    # A later period continues from the steps that were kept, and agrees with a fresh start.
+    later = lemma_3_1(p, arb(1)).upper.floats
+    columns_of.cache_clear()
+    assert later == pytest.approx(lemma_3_1(p, arb(1)).upper.floats, rel=1e-12)
