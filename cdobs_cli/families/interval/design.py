@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 S_DIGITS, L_DIGITS = 7, (9, 12, 15)  # of L the fewest that keep the structure of Assumption 3
 _STRUCTURE = 1e-7
 _PHASES = 32
+_TRIALS = 500  # of one climb, at effort 0
 _LARGEST_CONDITION = 1e7
 # Under `max_period`: the share of the largest injection that must still make Mtot Hurwitz, and the share used.
 # At the limit itself the width would take for ever to settle, at a value without bound.
@@ -201,13 +202,16 @@ def climb(value: Callable[[Array], float], starts: list[Array], step: float, eff
     best = int(np.argmax(values))
     point, top = starts[best], values[best]
     steps = np.full(len(point), step)
+    trials = 0
     for _ in range(20 + 15 * effort):
         moved = False
+        if trials > _TRIALS * (1 + effort):
+            break
         for k in range(len(point)):
             for sign in (1.0, -1.0):
                 trial = point.copy()
                 trial[k] += sign * steps[k]
-                found = value(trial)
+                found, trials = value(trial), trials + 1
                 if found > top:
                     point, top, moved = trial, found, True
                     steps[k] *= 2 * sign

@@ -76,11 +76,11 @@ def find_hull(A: Array, C: Array, S: Array, L: Array, law: SamplingLaw) -> Exact
     n = len(A)
     low, high = float(law.T_min), float(law.T_max)
     periods = [high] if low == high else [low + (high - low) * (1 - np.cos(np.pi * k / 24)) / 2 for k in range(25)]
-    errors = error_maps_at(A, C, S, L, periods)
-    if errors is None:
+    errors, R = error_maps_at(A, C, S, L, periods), float_inverse(S)
+    if errors is None or R is None:
         return None
     program = Program({"w": diagonal(n), "t": full(1, 1)})
-    inner = S @ (A - L @ C) @ np.linalg.inv(S)
+    inner = S @ (A - L @ C) @ R
     for s, F in zip(periods, errors, strict=True):
         slope = np.diag(np.diag(inner)) + np.abs(inner - np.diag(np.diag(inner))) if s == 0 else (np.abs(F) - np.eye(n)) / s
         scale = 1 / max(float(np.abs(slope).max()), 1e-12)
@@ -96,6 +96,17 @@ def find_hull(A: Array, C: Array, S: Array, L: Array, law: SamplingLaw) -> Exact
     return ExactMatrix.from_floats(np.diag(solution.values["w"]).reshape(-1, 1), DIGITS)
 
 
+def float_inverse(S: Array) -> Array | None:
+    """S^-1 in floats; None where floats take S for singular."""
+    import numpy as np
+
+    try:
+        R: Array = np.linalg.inv(S)
+    except np.linalg.LinAlgError:
+        return None
+    return R if np.all(np.isfinite(R)) else None
+
+
 def error_maps_at(A: Array, C: Array, S: Array, L: Array, periods: list[float]) -> Array | None:
     """S F(s) S^-1 for each period, in floats; None where they are not finite."""
     import numpy as np
@@ -107,7 +118,10 @@ def error_maps_at(A: Array, C: Array, S: Array, L: Array, periods: list[float]) 
     if not np.all(np.isfinite(maps)):
         return None
     parts = exponentials(maps)
-    errors = S @ (parts[:, :n, :n] + parts[:, :n, n:]) @ np.linalg.inv(S)
+    R = float_inverse(S)
+    if R is None:
+        return None
+    errors = S @ (parts[:, :n, :n] + parts[:, :n, n:]) @ R
     return errors if np.all(np.isfinite(errors)) else None
 
 

@@ -24,6 +24,7 @@ from cdobs_cli.plant import Plant, SamplingLaw
 if TYPE_CHECKING:
     from cdobs_cli.families.interval import Interval
 
+_CURVE_STATES = 4  # beyond these the curve is left to higher efforts
 _CURVE = (0.25, 0.5, 0.7, 0.85, 0.95, 1.0)  # shares of the longest period on the trade-off curve
 
 
@@ -102,7 +103,7 @@ def _designed(family: Interval, plant: Plant, effort: int) -> tuple[Gain, Sampli
             return f"no S and L of this form were found for periods up to {plant.sampling.T_max}{reached}"
         gain, found = proved
     details: dict[str, Any] = {"sylvester": _sylvester(plant, gain, found[0])}
-    if effort > 0:
+    if effort > 0 and (plant.n <= _CURVE_STATES or effort > 1):
         details["trade_off"] = _trade_off(plant, search, law)
     return gain, law, details
 

@@ -206,3 +206,45 @@ def test_the_certificate_path_loads_no_solver():
         "assert not {'clarabel', 'cvxpy', 'scipy', 'matplotlib'} & set(sys.modules)\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
+def test_hard_numbers_end_in_an_answer():
+    at = pendulum(up_to("0.1"))
+    near = Gain(S=[[1, 1], [1, "1.00000000000000000001"]], L=[[3], [1]])  # singular in floats, not in rationals
+    for family in (Interval(gain=near), Interval(gain=near, tighten="hull")):
+        _, check = made(family, at, 0)
+        assert check.verdict in ("undecided", "refuted")
+    design, _ = made(Interval(gain=Gain(S=[["sqrt(2)", 2], [1, "sqrt(2)"]], L=[[3], [1]])), at, 0)
+    assert design.outcome == "none" and "may be singular" in design.reason
+    design, check = made(Interval(), plant([["1e100", 1], [0, "1e100"]], [[1, 0]], up_to("0.1")), 0)
+    assert design.outcome == "none" and check.verdict == "undecided"
+    _, check = made(Interval(gain=Gain(S=[["1e-90"]], L=[[3]])), plant([[1]], [[1]], up_to("0.1")), 0)
+    assert check.verdict == "proved"
+    design, check = made(Interval(feedback="design"), plant([[1]], [[1]], up_to("0.1"), B=[[0]]), 0)
+    assert design.outcome == "none" and "held loop" in design.reason
+
+
+def test_exhibits_of_a_design_and_its_run():
+    at = pendulum(up_to("0.1"))
+    family = Interval(objective="min_width")
+    design, check = made(family, at)
+    shown = family.exhibits(at, design, check, None)
+    assert {chart.name for chart in shown.charts} == {"positivity", "trade_off"}
+    assert {table.name for table in shown.tables} == {"widths", "sylvester"}
+    widths = next(table for table in shown.tables if table.name == "widths")
+    assert [row[0] for row in widths.rows] == ["bounds of the observer", "intersected with y at samples", "hull predictor"]
+    assert all(row[3] <= widths.rows[0][3] * (1 + 1e-9) for row in widths.rows)
+    assert "printed condition" in shown.notes[0]
+
+
+def test_error_system_has_the_spectrum_of_the_sampled_width():
+    """The inclusion's monodromy, split into sum and difference, is E of the midpoint and of the width."""
+    import numpy as np
+
+    from cdobs_cli.certify.falsify import exponentials
+
+    at = pendulum(SamplingLaw.periodic(Exact("0.2")))
+    family = Interval(gain=PRINTED)
+    maps = family.inclusion(at, {"S": PENDULUM_S, "L": PENDULUM_L}).floats
+    radius = np.abs(np.linalg.eigvals(maps.jump @ exponentials(maps.base[None] * 0.2)[0])).max()
+    assert 0 < radius < 1
