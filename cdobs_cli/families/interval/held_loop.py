@@ -23,6 +23,7 @@ from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix, block, symmetric
 from cdobs_cli.exact.numbers import ExactMatrix, arb_fraction
 from cdobs_cli.families.interval.boundedness import DIGITS, symmetrised
+from cdobs_cli.families.interval.parts import zeros_like
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, PlantView
 from cdobs_cli.plant import Plant, SamplingLaw
 
@@ -137,6 +138,27 @@ def held_maps(view: PlantView[Any]) -> ErrorMaps[Any]:
     )  # fmt: skip
 
 
+def closed_maps(view: PlantView[Any], errors: ErrorMaps[Any]) -> ErrorMaps[Any]:
+    """Plant, feedback and errors of the bounds as one system of (x, u, e, e(t_k)): the held loop driven by
+
+        u+ = (K_lower + K_upper) S x - K_lower (z - z_lower) + K_upper (z_upper - z)
+
+    Block triangular, so its multipliers are those of the held loop and of the errors.
+
+    Source: Efimov2016, (16), (17)
+    """
+    held = held_maps(view)
+    size, errors_size = held.base.shape[0], errors.base.shape[0]
+    n, m = view.A.shape[0], size - view.A.shape[0]
+    above, below = zeros_like(view.A, size, errors_size), zeros_like(view.A, errors_size, size)
+    fed = block([[view.gain["K_lower"] * -1, view.gain["K_upper"], zeros_like(view.A, m, errors_size - 2 * n)]])
+    drive = block([[zeros_like(view.A, n, errors_size)], [fed]])
+    return ErrorMaps(
+        base=block([[held.base, above], [below, errors.base]]), left=(), right=(), lower=(), upper=(),
+        jump=block([[held.jump, drive], [below, errors.jump]]),
+    )  # fmt: skip
+
+
 def held_inclusion(plant: Plant, gain: Mapping[str, ExactMatrix], law: SamplingLaw) -> HybridInclusion:
     """The held loop under a sampling law; the plant has B."""
     assert plant.B is not None
@@ -160,7 +182,7 @@ def refute_held_loop(plant: Plant, gain: Mapping[str, ExactMatrix], law: Samplin
         largest = max(roots, key=lambda root: float(abs(root).mid())) if roots else None
         if largest is not None:
             data["eigenvalue"] = [f"{float(largest.real.mid()):.10g}", f"{float(largest.imag.mid()):.10g}"]
-    return replace(witness, about="plant", data=data)
+    return replace(witness, data=data)
 
 
 def closed_loop(plant: Plant, gain: Mapping[str, ExactMatrix]) -> tuple[Matrix, Matrix]:

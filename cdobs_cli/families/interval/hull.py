@@ -101,7 +101,7 @@ def float_inverse(S: Array) -> Array | None:
     import numpy as np
 
     try:
-        R: Array = np.linalg.inv(S)
+        R: Array = np.linalg.inv(S).astype(np.float64)
     except np.linalg.LinAlgError:
         return None
     return R if np.all(np.isfinite(R)) else None

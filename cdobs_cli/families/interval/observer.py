@@ -16,6 +16,7 @@ from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ZERO, Expression, Number, Variable, call
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import ExactMatrix, arb_fraction, decimal_text
+from cdobs_cli.families.interval.held_loop import closed_maps
 from cdobs_cli.families.interval.intersect import measured_rows
 from cdobs_cli.families.interval.parts import absolute, metzler_split, negative_part, positive_part
 from cdobs_cli.families.interval.theorems import coordinates, error_flow, error_held
@@ -197,8 +198,19 @@ def error_maps(view: PlantView[Any]) -> ErrorMaps[Any]:
     )
 
 
+def closed_error_maps(view: PlantView[Any]) -> ErrorMaps[Any]:
+    """The errors with the plant and its feedback.
+
+    Source: Efimov2016, (16), (17)
+    """
+    return closed_maps(view, error_maps(view))
+
+
 def inclusion(plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
-    """The error system of both bounds with given S and L under the plant's sampling law."""
+    """The error system of both bounds with given S and L under the plant's sampling law; with feedback in the
+    gain, together with the plant it closes."""
+    if "K_lower" in gain and plant.B is not None:
+        return HybridInclusion(closed_error_maps, plant, {**gain, "B": plant.B}, plant.sampling, ())
     return HybridInclusion(error_maps, plant, gain, plant.sampling, ())
 
 

@@ -63,6 +63,15 @@ def metzler_split(Q: T) -> tuple[T, T]:
     return diagonal + positive_part(rest), negative_part(rest)
 
 
+def zeros_like(example: T, height: int, width: int) -> T:
+    """A zero matrix in the arithmetic of another."""
+    if isinstance(example, Matrix):
+        return Matrix.zeros(height, width)  # type: ignore[return-value]
+    import numpy as np
+
+    return np.zeros((height, width))  # type: ignore[return-value]
+
+
 def _maximum(a: Any, b: Any) -> Any:
     if isinstance(a, fmpq):
         return max(a, b)

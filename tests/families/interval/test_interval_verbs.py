@@ -237,8 +237,7 @@ def test_exhibits_of_a_design_and_its_run():
     assert "printed condition" in shown.notes[0]
 
 
-def test_error_system_has_the_spectrum_of_the_sampled_width():
-    """The inclusion's monodromy, split into sum and difference, is E of the midpoint and of the width."""
+def test_error_system_contracts_where_the_bounds_are_proved():
     import numpy as np
 
     from cdobs_cli.certify.falsify import exponentials
@@ -246,5 +245,15 @@ def test_error_system_has_the_spectrum_of_the_sampled_width():
     at = pendulum(SamplingLaw.periodic(Exact("0.2")))
     family = Interval(gain=PRINTED)
     maps = family.inclusion(at, {"S": PENDULUM_S, "L": PENDULUM_L}).floats
-    radius = np.abs(np.linalg.eigvals(maps.jump @ exponentials(maps.base[None] * 0.2)[0])).max()
-    assert 0 < radius < 1
+    rho = np.abs(np.linalg.eigvals(maps.jump @ exponentials(maps.base[None] * 0.2)[0])).max()
+    assert 0 < rho < 1
+
+
+def test_counterexample_of_the_feedback_runs_again():
+    from cdobs_cli.simulate.witness import replay
+
+    at = scalar(up_to("0.35"))
+    design, check = made(Interval(gain=Gain(S=[[1]], L=[["1.4"]]), feedback=Feedback(K_lower=[[-3]], K_upper=[[-3]])), at, 0)
+    family = Interval()
+    run = replay(family.inclusion(at, design.gain), check.claim("separation").witness)
+    assert abs(run.multiplier - 1.0953377) < 1e-6 and float(run.stated) <= run.multiplier * (1 + 1e-9)
