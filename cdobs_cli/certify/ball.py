@@ -141,6 +141,18 @@ def is_hurwitz(M: Matrix) -> bool:
     return True
 
 
+def null_space(M: Matrix) -> Matrix | None:
+    """A rational basis of the null space, as columns; None where it is trivial."""
+    reduced, rank = M.data.rref()
+    n = M.shape[1]
+    pivots = [next(j for j in range(n) if reduced[i, j] != 0) for i in range(rank)]
+    free = [j for j in range(n) if j not in pivots]
+    if not free:
+        return None
+    columns = [[-reduced[pivots.index(j), f] if j in pivots else int(j == f) for f in free] for j in range(n)]
+    return Matrix.from_rows(columns)
+
+
 def root_between(function: Callable[[arb], arb], low: Fraction, high: Fraction, width: Fraction) -> tuple[Fraction, Fraction] | None:
     """Ends (a, b), b - a <= width, with certainly different signs of a continuous function at a and b.
 

@@ -7,9 +7,10 @@ For edot in Co{A_v} e, e+ = J e at clock values in [T_min, T_max]: if for P piec
     P(0) > 0 on the range of J,
 
 then every error decays at rate sigma: V = e' P(tau) e falls along every flow of the inclusion and does not
-rise at jumps. In Bernstein form each inequality is a finite list of matrices. A hold sampled from T_min = 0
-has a singular jump inequality at tau = 0: there P(0) is block diagonal, so that the gap is exactly
-blkdiag(0, P_22(0)), and the other coefficients are definite.
+rise at jumps. In Bernstein form each inequality is a finite list of matrices. From T_min = 0 the
+jump inequality is singular at tau = 0: there J must be a projection (a hold; I - K C with C K = I), diag(I, 0) in a
+basis of its own, and P(0) block diagonal in it, so that the gap is exactly blkdiag(0, P_22(0)); the other
+coefficients are definite.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify.ball import has_spectral_radius_below
+from cdobs_cli.certify.ball import has_spectral_radius_below, null_space
 from cdobs_cli.certify.bernstein import derivative, elevation
 from cdobs_cli.certify.definite import Definiteness, has_positive_pivots
 from cdobs_cli.exact.expression import ExpressionError
@@ -235,8 +236,9 @@ def _prove_monodromy(inclusion: HybridInclusion, certificate: Certificate) -> De
 
 # The search: floats and the solver propose, `prove` decides.
 
-_SCHEDULE = ((3, 4, 2), (4, 5, 4), (5, 6, 6), (6, 7, 10))  # (d, D, pieces), tried up to number `effort`
-_LARGEST = (800, 800, 1400, 2600)  # unknowns allowed, by effort: larger plants stop earlier in the schedule
+_SCHEDULE = ((3, 4, 2), (4, 5, 4), (5, 6, 6), (6, 7, 10))  # (d, D, pieces), coarse to fine
+# Unknowns allowed for each shape, by effort: small plants go further in the schedule.
+_LARGEST = ((10_000, 0, 0, 0), (10_000, 800, 200, 0), (10_000, 10_000, 1400, 400), (10_000, 10_000, 2600, 2600))
 _TOLERANCE = (Fraction(1, 100), Fraction(1, 500), Fraction(1, 2000), Fraction(1, 5000))  # of a period search
 GAIN_DIGITS = 6
 
@@ -263,22 +265,43 @@ def design_impulsive(
     """A gain K (n, p) for the jump e+ = (I - K C) e with a proved certificate, or None.
 
     K comes rounded to GAIN_DIGITS significant digits, and the certificate is proved for that K. The jump of
-    `open_loop` is not read; its sampling law needs T_min > 0. Uses the solver.
+    `open_loop` is not read. With T_min = 0 the gain is looked for from T_max / 8 on, and must keep C K = I
+    exactly to be proved from 0. Uses the solver.
     """
-    if len(open_loop.entries) > MAX_CORNER_ENTRIES or open_loop.sampling.T_min.sign() != 1:
+    law = open_loop.sampling
+    if len(open_loop.entries) > MAX_CORNER_ENTRIES or law.T_max.sign() != 1 or law.kind == "updated":
         return None
-    for shape in shapes(open_loop, effort):
-        K = propose_gain(open_loop, shape, sigma, {})
+    from_zero, longest = law.T_min.sign() == 0, law.T_max.rational
+    away = open_loop
+    if from_zero:
+        if longest is None:
+            return None
+        away = _with_law(open_loop, SamplingLaw("aperiodic", Exact(longest / 8), law.T_max))
+    for shape in shapes(away, effort):
+        K = propose_gain(away, shape, sigma, {})
         if K is None:
             continue
-        rounded = ExactMatrix.from_floats(K, GAIN_DIGITS)
+        rounded = ExactMatrix.from_floats(_cleared(K, open_loop) if from_zero else K, GAIN_DIGITS)
         closed = with_gain(open_loop, rounded)
-        certificate = propose(closed, shape, sigma, {})
+        own = Shape(shape.d, shape.D, 0, shape.pieces) if from_zero else shape
+        certificate = propose(closed, own, sigma, {})
         if certificate is not None and prove(closed, certificate).proved:
             import numpy as np
 
             return np.array(rounded.floats), certificate
     return None
+
+
+def _cleared(K: NDArray[np.float64], open_loop: HybridInclusion) -> NDArray[np.float64]:
+    """The nearest gain with C K = I (in floats)."""
+    import numpy as np
+
+    C = np.array(open_loop.plant.C.floats)
+    return K + np.linalg.pinv(C) @ (np.eye(len(C)) - C @ K)
+
+
+def _with_law(inclusion: HybridInclusion, law: SamplingLaw) -> HybridInclusion:
+    return HybridInclusion(inclusion.assemble, inclusion.plant, inclusion.gain, law, inclusion.entries)
 
 
 def with_gain(open_loop: HybridInclusion, K: ExactMatrix) -> HybridInclusion:
@@ -351,8 +374,8 @@ def shapes(inclusion: HybridInclusion, effort: int) -> Iterator[Shape]:
         return
     N = inclusion.floats.base.shape[0]
     level = _level(effort)
-    for number, (d, D, pieces) in enumerate(_SCHEDULE[: level + 1]):
-        if number and (pieces * d + 1) * N * (N + 1) // 2 > _LARGEST[level]:
+    for (d, D, pieces), largest in zip(_SCHEDULE, _LARGEST[level], strict=True):
+        if (pieces * d + 1) * N * (N + 1) // 2 > largest:
             return
         if inclusion.sampling.T_min == inclusion.sampling.T_max:
             yield Shape(d, D, pieces, 0)
@@ -406,15 +429,16 @@ def _search(
     import numpy as np
 
     law = inclusion.sampling
-    S = basis(inclusion)
+    from_zero = law.T_min.sign() == 0
+    S = projected_basis(inclusion) if from_zero and C is None else basis(inclusion)
+    if S is None or (from_zero and C is not None):
+        return None
     change = np.array(S, dtype=float)
     maps = in_basis(inclusion.floats, change, np.linalg.inv(change))
     T = float(law.T_max)
-    unit = ErrorMaps(maps.base * T, tuple(column * T for column in maps.left), maps.right, maps.lower, maps.upper, maps.jump)
+    jump = np.round(maps.jump) if from_zero else maps.jump  # a diagonal of zeros and ones, exactly so
+    unit = ErrorMaps(maps.base * T, tuple(column * T for column in maps.left), maps.right, maps.lower, maps.upper, jump)
     if not all(np.all(np.isfinite(part)) for part in (unit.base, unit.jump, *unit.left, *unit.right)):
-        return None
-    from_zero = law.T_min.sign() == 0
-    if from_zero and (C is not None or not kept_states(Matrix.from_floats(maps.jump))):
         return None
     problem = search(shape, float(law.T_min) / T, maps.base.shape[0], None if C is None else C @ change, from_zero)
     problem.cuts = cuts.setdefault(shape, set())
@@ -423,6 +447,27 @@ def _search(
     if solution is None or not solution.margin > 0:
         return None
     return solution, S
+
+
+def projected_basis(inclusion: HybridInclusion) -> list[list[Fraction]] | None:
+    """Columns of S with S^-1 J S = diag(1, .., 1, 0, .., 0), for a rational projection J; None for any other J.
+
+    A hold's J is one; I - K C is one where C K = I. Columns are scaled like those of `basis`."""
+    J = inclusion.balls.jump
+    if not J.is_rational or (J @ J).data != J.data:
+        return None
+    identity = Matrix.identity(J.shape[0])
+    kept, lost = null_space(identity - J), null_space(J)
+    if kept is None or lost is None:
+        return None
+    units = [row[i] for i, row in enumerate(basis(inclusion))]
+    columns = []
+    for part in (kept, lost):
+        for column in part.T.tolist():
+            entries = [Fraction(int(value.p), int(value.q)) for value in column]
+            size = max((abs(entry / unit) for entry, unit in zip(entries, units, strict=True)), default=Fraction(1))
+            columns.append([entry / Fraction(2) ** _exponent(float(size)) for entry in entries])
+    return [list(row) for row in zip(*columns, strict=True)]
 
 
 def basis(inclusion: HybridInclusion) -> list[list[Fraction]]:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 from flint import arb
 
 from cdobs_cli.certificate import Witness
-from cdobs_cli.certify.ball import has_spectral_radius_at_least, is_hurwitz, spectral_radius_lower
+from cdobs_cli.certify.ball import has_spectral_radius_at_least, is_hurwitz, null_space, spectral_radius_lower
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import Exact, decimal_text, lower_text
@@ -177,18 +177,6 @@ def unobservable_subspace(A: Matrix, C: Matrix) -> Matrix | None:
         power = power @ A
         rows = block([[rows], [power]])
     return null_space(rows)
-
-
-def null_space(M: Matrix) -> Matrix | None:
-    """A rational basis of the null space, as columns; None where it is trivial."""
-    reduced, rank = M.data.rref()
-    n = M.shape[1]
-    pivots = [next(j for j in range(n) if reduced[i, j] != 0) for i in range(rank)]
-    free = [j for j in range(n) if j not in pivots]
-    if not free:
-        return None
-    columns = [[-reduced[pivots.index(j), f] if j in pivots else int(j == f) for f in free] for j in range(n)]
-    return Matrix.from_rows(columns)
 
 
 def _unit_matrix(n: int, i: int, j: int) -> Matrix:

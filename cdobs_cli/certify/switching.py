@@ -49,11 +49,16 @@ def propose(inclusion: HybridInclusion, effort: int, exponentials: Any) -> list[
     maps = inclusion.floats
     if level == 0 or (not maps.lower and inclusion.sampling.T_min == inclusion.sampling.T_max):
         return []
+    return propose_for(maps, list(_period_words(inclusion, _PERIODS[level])), level, exponentials)
+
+
+def propose_for(maps: ErrorMaps[Array], words: list[tuple[Exact, ...]], level: int, exponentials: Any) -> list[Proposal]:
+    """The same for maps in floats and given sampling periods of each word."""
     import numpy as np
 
     with np.errstate(all="ignore"):
         search = _Search(maps, exponentials, _SLOTS[level])
-        found = [proposal for word in _period_words(inclusion, _PERIODS[level]) for proposal in search.word(word, _STARTS[level])]
+        found = [proposal for word in words for proposal in search.word(word, _STARTS[level])]
     return sorted(found, key=lambda proposal: -proposal.radius)
 
 

@@ -197,3 +197,24 @@ def test_a_proof_loads_no_solver():
         "sys.exit(any(name in sys.modules for name in ('clarabel', 'cvxpy', 'scipy')))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_impulsive_jumps_from_period_zero():
+    """With C K = I the jump is a projection: laws [0, T] are proved, for any gain that keeps it exactly."""
+    law = aperiodic(0, "1.5")
+    K, certificate = clock.design_impulsive(open_loop([1, 0], law), 1)
+    closed = impulsive(canonical([1, 0], law), ExactMatrix.from_floats(K, 6).texts())
+    assert K[0, 0] == 1
+    assert clock.prove(closed, Certificate.from_document(certificate.document())).proved
+    assert refute(closed, 2) is None
+    nearly = impulsive(canonical([1, 0], law), [["0.999"], [str(K[1, 0])]])
+    assert clock.analyse(nearly, 1) is None
+    assert not clock.prove(nearly, certificate).proved
+    # A projection that is not diagonal: C = [1, 2], C K = I.
+    slanted = plant([[0, 1], ["-0.5", "-0.2"]], [[0, 0], ["-0.1", 0]], [[0, 0], ["0.1", 0]], [[1, 2]], aperiodic(0, "0.4"))
+    certificate = clock.analyse(impulsive(slanted, [["0.2"], ["0.4"]]), 1)
+    assert certificate is not None
+    assert clock.prove(impulsive(slanted, [["0.2"], ["0.4"]]), certificate).proved
+    assert not clock.prove(impulsive(slanted, [["0.2"], ["0.41"]]), certificate).proved
+    # Every period of an interval from 0 is in it: a proof for [0, T] is one for each constant period.
+    assert clock.analyse(impulsive(canonical([1, 0], periodic("1.1")), ExactMatrix.from_floats(K, 6).texts()), 1) is not None
