@@ -19,7 +19,7 @@ T_ = TypeVar("T_")
 
 _DIGITS = 9
 _GROWTH = (1.3, 1.15, 1.07, 1.03)  # by effort: the step of the scan for a first refutation
-_WIDTH = 2e-5  # relative width down to which the first refutation is pressed
+_WIDTH = 4e-6  # relative width down to which the first refutation is pressed
 _SPAN = 1e4  # how far above the start the scan looks
 
 
