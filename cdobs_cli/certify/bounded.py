@@ -14,12 +14,14 @@ from cdobs_cli.certify.region import Region
 from cdobs_cli.certify.supremum import ROUND, supremum
 from cdobs_cli.exact.expression import Call, Expression
 from cdobs_cli.exact.functions import fraction_ball
-from cdobs_cli.exact.numbers import Exact, arb_fraction, fraction_text, upper_text
+from cdobs_cli.exact.numbers import Exact, fraction_text, upper_text
 from cdobs_cli.exact.ranges import Range, range_of
 
 # Work of one search: nodes of the expression times boxes.
 FULL = 6_000_000
 TRIAL = 400_000
+# No bound beyond this is of use.
+LARGEST = Fraction(10) ** 100
 SLOW = frozenset({"sin", "cos", "tan", "tanh", "sinh", "cosh", "exp", "log", "sqrt"})
 _SHORT = 8
 
@@ -68,10 +70,10 @@ def least_bound(function: Expression, region: Region, tolerance: float = 0.002, 
     """
     own = range_of(function, region.box)
     met, attained = _largest(function, region)
-    if met is None:
+    if met is None or abs(met) > LARGEST:
         return None
     lowest, _ = _largest(-function, region)
-    width = float(met + lowest) if lowest is not None else 0.0
+    width = float(met + min(lowest, LARGEST)) if lowest is not None else 0.0
     if isinstance(own.upper, Fraction) and _is_short(own.upper) and own.upper - met <= Fraction(max(width, 1e-9 * abs(float(met)))) / 1000:
         return fraction_text(own.upper)
     room = max(tolerance * width, 1e-9 * abs(float(met)), 1e-12)
@@ -108,7 +110,8 @@ def _above(value: Fraction, room: float) -> str:
 
 def _value(function: Expression, point: Mapping[str, Fraction]) -> Fraction | None:
     ball = function.ball(point_balls(point))
-    return arb_fraction(ball.lower()) if ball.is_finite() else None
+    value = Range.of_ball(ball).lower
+    return value if isinstance(value, Fraction) else None
 
 
 def _largest(function: Expression, region: Region) -> tuple[Fraction | None, bool]:

@@ -144,6 +144,9 @@ def decimal_text(value: float | Fraction, digits: int) -> str:
     return plain_decimal(rounded)
 
 
+_MAX_SIZE = 4000
+
+
 def arb_fraction(value: arb) -> Fraction:
     """The exact rational value of an exact ball (a dyadic number)."""
     mantissa, exponent = value.man_exp()
@@ -160,9 +163,25 @@ def upper_text(value: arb, digits: int = 12) -> str:
     return _directed(value.upper(), digits, ROUND_CEILING, "inf")
 
 
+def clipped(end: arb, *, up: bool) -> Fraction | None:
+    """A rational on the given side of an exact finite ball, of bounded length; None where that is infinite.
+
+    Beyond 2^4000 the way out is infinity and the way in 2^4000; within 2^-4000 of zero likewise 2^-4000 and 0.
+    """
+    mantissa, exponent = end.man_exp()
+    size = int(exponent) + int(mantissa).bit_length()
+    if mantissa == 0 or abs(size) < _MAX_SIZE:
+        return arb_fraction(end)
+    outward = (mantissa > 0) == up
+    sign = 1 if mantissa > 0 else -1
+    if size > 0:
+        return None if outward else sign * Fraction(2) ** _MAX_SIZE
+    return sign * Fraction(2) ** -_MAX_SIZE if outward else Fraction(0)
+
+
 def _directed(end: arb, digits: int, rounding: str, unbounded: str) -> str:
-    if not end.is_finite():
+    exact = clipped(end, up=rounding == ROUND_CEILING) if end.is_finite() else None
+    if exact is None:
         return unbounded
-    exact = arb_fraction(end)
     context = Context(prec=digits, rounding=rounding)
     return plain_decimal(context.divide(Decimal(exact.numerator), Decimal(exact.denominator)))

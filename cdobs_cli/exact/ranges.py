@@ -16,7 +16,7 @@ from flint import arb
 
 from cdobs_cli.exact.expression import Call, Expression, Number, Power, Variable
 from cdobs_cli.exact.functions import exact_ball, fraction_ball
-from cdobs_cli.exact.numbers import arb_fraction
+from cdobs_cli.exact.numbers import clipped
 
 End = Fraction | float  # a float only where it is inf or -inf
 _MAX_BITS = 1200
@@ -37,7 +37,10 @@ class Range:
     @staticmethod
     def of_ball(ball: arb) -> Range:
         """The dyadic ends of a ball, or the whole line."""
-        return Range(arb_fraction(ball.lower()), arb_fraction(ball.upper())) if ball.is_finite() else LINE
+        if not ball.is_finite():
+            return LINE
+        low, high = clipped(ball.lower(), up=False), clipped(ball.upper(), up=True)
+        return Range(-inf if low is None else low, inf if high is None else high)
 
     @property
     def is_point(self) -> bool:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from math import comb, lcm
 from typing import Any
 
@@ -304,13 +305,14 @@ def _generators(expressions: Sequence[Expression]) -> list[Expression]:
     return sorted(used, key=lambda node: (not isinstance(node, Variable), str(node)))
 
 
+@lru_cache(maxsize=4096)  # arguments of nested functions come back at every level
 def simplify(expression: Expression) -> Expression:
     """The same function where it is defined, cancelled and factored; unchanged where it grows too large."""
     if isinstance(expression, Number | Constant | Variable):
         return expression
     try:
         return quotients([expression])[0].expression()
-    except (TooLargeError, ZeroDivisionError, ExpressionError, OverflowError):
+    except (TooLargeError, ZeroDivisionError, ExpressionError, OverflowError, RecursionError):
         return expression
 
 
@@ -318,5 +320,5 @@ def is_zero(expression: Expression) -> bool:
     """Whether the canonical form is 0: an identity in the generators (sufficient, not necessary)."""
     try:
         return bool(quotients([expression])[0].numerator.is_zero())
-    except (TooLargeError, ZeroDivisionError, ExpressionError, OverflowError):
+    except (TooLargeError, ZeroDivisionError, ExpressionError, OverflowError, RecursionError):
         return False
