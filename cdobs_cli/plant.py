@@ -174,6 +174,13 @@ class Plant:
             lower[i][j], upper[i][j] = Exact(low), Exact(high)
         return replace(self, slopes=Slopes(ExactMatrix(lower), ExactMatrix(upper)))
 
+    def without_zero_slopes(self) -> Plant:
+        """The plant with `auto` only where phi depends on the state: elsewhere the slope is the constant 0."""
+        from cdobs_cli.exact.expression import ZERO
+
+        kept = frozenset((i, j) for i, j in self.slopes.auto if self.phi[i].derivative(self.states[j]) != ZERO)
+        return replace(self, slopes=replace(self.slopes, auto=kept))
+
     def right_hand_side(self, prefix: str = "", *, disturbed: bool = False) -> tuple[Expression, ...]:
         """A x + phi(x, u) + B u (+ d) as expressions over the names `prefix + state`, the inputs, and
         `d.0`, `d.1`, .. when `disturbed`."""

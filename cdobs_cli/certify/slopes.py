@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from math import isfinite
 
 from flint import arb
 
@@ -16,7 +17,7 @@ from cdobs_cli.certify.points import high_points, point_balls
 from cdobs_cli.certify.region import Region, point_text
 from cdobs_cli.exact.expression import ZERO, Expression
 from cdobs_cli.exact.functions import fraction_ball
-from cdobs_cli.exact.numbers import Exact, fraction_text, lower_text
+from cdobs_cli.exact.numbers import Exact, fraction_text, lower_text, upper_text
 from cdobs_cli.exact.ranges import Range, range_of
 from cdobs_cli.exact.rational import simplify
 from cdobs_cli.plant import Plant
@@ -116,7 +117,7 @@ def decide(slope: Expression, low: Exact, high: Exact, region: Region) -> Decisi
         if bound.status == "proved":
             margins.append(limit.ball() - arb(bound.value))
         else:
-            open_sides.append(_left(name, side, region, bound))
+            open_sides.append(_left(name, region, bound))
     if open_sides:
         return Decision("undecided", "branch and bound", reason="; ".join(open_sides))
     return Decision("proved", "branch and bound", lower_text(margins[0].min(margins[1]).max(arb(0))))
@@ -133,16 +134,16 @@ def _refuted(slope: Expression, side: Expression, limit: Exact, point: Mapping[s
     return Decision("refuted", "exact point", lower_text(-excess), witness)
 
 
-def _left(name: str, side: Expression, region: Region, bound: Bounded) -> str:
+def _left(name: str, region: Region, bound: Bounded) -> str:
     """What is left, and what would settle it."""
     parts = [f"open {name}"]
     if bound.box:
         parts.append("near " + ", ".join(f"{name} in [{low:.6g}, {high:.6g}]" for name, (low, high) in bound.box.items()))
-    least = least_bound(side, region)
-    if least is None:
-        parts.append(f"no finite bound was found; bound {', '.join(region.unbounded) or 'the domain more tightly'}")
+    if isfinite(bound.value):
+        reached = upper_text(arb(bound.value), 6)
+        parts.append(f"{reached if name == 'above' else _negated(reached)} would be proved")
     else:
-        parts.append(f"{least if name == 'above' else _negated(least)} would be proved")
+        parts.append(f"no finite bound was found; bound {', '.join(region.unbounded) or 'the domain more tightly'}")
     return ", ".join(parts)
 
 

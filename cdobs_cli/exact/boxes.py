@@ -209,6 +209,11 @@ def log(x: Ends) -> Ends:
 def root(x: Ends, degree: int) -> Ends:
     """The degree-th root where a >= 0."""
     inside = x[0] >= 0
+    if degree == 2:
+        # IEEE square roots are correctly rounded: one step outwards holds the true one.
+        low, high = np.sqrt(np.where(inside, x[0], 0.0)), np.sqrt(np.where(inside, x[1], 0.0))
+        low, high = np.where(low == 0, 0.0, _down(low)), np.where(high == 0, 0.0, _up(high))
+        return np.where(inside, low, -inf), np.where(inside, high, inf)
     function = _increasing(lambda v: v.root(degree) if v > 0 else arb(0), 0.0, inf, 0.0)
     low, high = function((np.where(inside, x[0], 0.0), np.where(inside, x[1], 0.0)))
     return np.where(inside, low, -inf), np.where(inside, high, inf)

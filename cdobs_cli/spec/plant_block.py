@@ -155,7 +155,7 @@ def typed_plant(
     }
     if plant.dynamics is None:
         assert plant.A is not None and plant.phi is not None and C is not None
-        return Plant(A=plant.A, phi=plant.phi, C=C, slopes=slopes(plant.lipschitz, n), **common)
+        return Plant(A=plant.A, phi=plant.phi, C=C, slopes=slopes(plant.lipschitz, n), **common).without_zero_slopes()
     coordinates: CoordinateMap | Literal["lie"] | None = None
     if plant.coordinates == "lie":
         coordinates = "lie"
