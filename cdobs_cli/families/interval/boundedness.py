@@ -47,6 +47,9 @@ def prove_hurwitz(Mtot: Matrix, w_star: Matrix) -> arb | None:
 
     A Metzler matrix is Hurwitz exactly if such a w* exists; then every width below a multiple of w* stays
     below it, and shrinks to the final width.
+
+    Source: Efimov2016, Theorem 1
+    Deviates: necessary and sufficient while the bounds hold, in place of LMI (15), and for every sampling.
     """
     image = Mtot @ w_star
     rate: arb | None = None
@@ -92,6 +95,8 @@ def refute_hurwitz(Mtot: Matrix) -> Witness | None:
 def final_width(z: Coordinates[Any], Mtot: Any, disturbance: Any, noise: Any) -> Any:
     """|S^-1| (-Mtot)^-1 (|S| (d_upper - d_lower) + |S L| (v_upper - v_lower)): where the width of x settles for
     constant bounds, whatever the sampling. Shapes (n, 1); needs Mtot Hurwitz.
+
+    Source: Efimov2016, (12), (13)
     """
     c = absolute(z.S) @ disturbance + absolute(z.SL) @ noise
     return absolute(z.R) @ solve(-Mtot, c)

@@ -84,6 +84,9 @@ def prove_held_loop(A: Matrix, closed: Matrix, P: Matrix, law: SamplingLaw, effo
 
     Args:
         closed: A + B K, shape (n, n).
+    Source: Efimov2016, Section V
+    Deviates: separation in place of Theorem 2's small gain: the errors do not depend on u, so the plant and its
+        held feedback are all that is left to prove.
     """
     P = symmetrised(P)
     if P.shape != A.shape or not has_positive_pivots(P):
@@ -124,7 +127,10 @@ def find_held_loop(A: Array, closed: Array, law: SamplingLaw) -> ExactMatrix | N
 
 
 def held_maps(view: PlantView[Any]) -> ErrorMaps[Any]:
-    """The held loop as a hybrid system of (x, K x(t_k)): flow [A B; 0 0], jump [I 0; K 0]."""
+    """The held loop as a hybrid system of (x, K x(t_k)): flow [A B; 0 0], jump [I 0; K 0].
+
+    Source: Efimov2016, (16)
+    """
     A, S = view.A, view.gain["S"]
     B = view.gain["B"]
     K = (view.gain["K_lower"] + view.gain["K_upper"]) @ S

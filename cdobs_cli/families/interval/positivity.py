@@ -74,6 +74,9 @@ def positivity_limit(M: Matrix, N1: Matrix, effort: int = 1) -> PositivityLimit:
 
     Args:
         M: Metzler, N1: nonnegative off its diagonal; shapes (2n, 2n).
+    Source: Efimov2016, Theorem 1
+    Deviates: necessary and sufficient, in place of the sufficient q0 <= e q1 < q0 + 1/Tbar; q0 <= e q1 is not
+        needed for positivity.
     """
     limits = [_column_limit(M, N1, j, effort) for j in range(M.shape[0]) if not arb(N1[j, j]) >= 0]
     proved = [limit.proved for limit in limits if limit.proved is not None]
