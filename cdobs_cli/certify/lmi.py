@@ -6,7 +6,9 @@ evaluation at unit vectors. What the solver returns is a guess: `definite.py` de
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+_LOG: ContextVar[list[SolverRecord] | None] = ContextVar("solver log", default=None)
 Affine = Callable[[Mapping[str, "Array"]], "Array"]
 
 
@@ -177,7 +180,30 @@ def ask_clarabel(
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
     result = clarabel.DefaultSolver(zero, cost, A, b, cones, settings).solve()
     record = SolverRecord("clarabel", clarabel.__version__, str(result.status), int(result.iterations), float(result.solve_time))
+    log = _LOG.get()
+    if log is not None:
+        log.append(record)
     return np.array(result.x), record
+
+
+@contextmanager
+def solver_log() -> Iterator[list[SolverRecord]]:
+    """Every call of the solver inside the block, in order."""
+    records: list[SolverRecord] = []
+    token = _LOG.set(records)
+    try:
+        yield records
+    finally:
+        _LOG.reset(token)
+
+
+def summary(records: Sequence[SolverRecord]) -> SolverRecord | None:
+    """One record for many calls: the last status, iterations and seconds of all."""
+    if not records:
+        return None
+    last = records[-1]
+    seconds = round(sum(record.seconds for record in records), 4)
+    return SolverRecord(last.name, last.version, last.status, sum(record.iterations for record in records), seconds)
 
 
 def compressed(A: Array) -> SparseColumns:
