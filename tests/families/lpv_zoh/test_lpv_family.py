@@ -46,6 +46,7 @@ def printed_check(printed_design: tuple[LpvZeroOrderHold, Design]) -> Check:
 
 def test_the_printed_example(printed_check):
     assert printed_check.verdict == "proved"
+    assert printed_check.bounds["period_max"].method == "clock"
     assert {claim.id: claim.status for claim in printed_check.claims if claim.id.startswith("theorem_1")} == {
         "theorem_1.P": "proved", "theorem_1.lmi_26": "proved", "theorem_1.side_conditions": "refuted", "theorem_1.T_1": "refuted",
         "theorem_1.T_2": "proved", "theorem_1.gain": "proved", "theorem_1.vertices": "refuted",
@@ -125,6 +126,7 @@ def test_max_period_by_wirtinger_alone():
     check = card.certify(sine(up_to("1.3")), design, 1)
     assert float(check.bounds["period_max.wirtinger"].proved) >= 1.34
     assert float(check.bounds["decay_rate"].proved) >= 0.001
+    assert design.solver is not None and design.solver.iterations > 100
     points = design.details["curve"]["any_gain"]
     assert len(points) >= 5
     rates = [float(point["rate"]) for point in points]
