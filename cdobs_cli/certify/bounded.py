@@ -85,7 +85,7 @@ def least_bound(function: Expression, region: Region, tolerance: float = 0.002, 
             return _above(Fraction(found.value), room)
     if region.unbounded and bounded(function, region, Exact(_above(2 * abs(met), 1)), TRIAL).value == inf:
         return None
-    for _ in range(4):
+    for _ in range(12):
         limit = _above(met + Fraction(room) / 2, room)
         found = bounded(function, region, Exact(limit), work)
         if found.status == "proved":

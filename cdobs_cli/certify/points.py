@@ -43,9 +43,10 @@ def high_points(expression: Expression, region: Region) -> Iterator[dict[str, Fr
             value = np.where(limit >= -1e-15, value, -inf)
         return value
 
-    points = _scattered(region, random, _FIRST)
-    values = judged(points)
     low, high = _float_ends(region)
+    points = _scattered(region, random, _FIRST)
+    points = np.vstack([points, _pushed_inside(points[: _FIRST // 4], region, low, high)])
+    values = judged(points)
     for r in range(_ROUNDS):
         order = np.argsort(values)[::-1][:16]
         points, values = points[order], values[order]
@@ -59,6 +60,23 @@ def high_points(expression: Expression, region: Region) -> Iterator[dict[str, Fr
         for digits in (3, 6, 12):
             yield {name: _near(value, digits, region, name) for name, value in zip(names, best, strict=True)}
         yield {name: Fraction(float(value)) for name, value in zip(names, best, strict=True)}
+
+
+def _pushed_inside(points: NDArray[np.float64], region: Region, low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points moved onto the limits that they violate, in turn: met where a region is a small part of its box."""
+    import numpy as np
+
+    if not region.where:
+        return points[:0]
+    slopes = compile_floats([w.derivative(name) for w in region.where for name in region.names], region.names, arrays=True)
+    limits = compile_floats(region.where, region.names, arrays=True)
+    with np.errstate(all="ignore"):
+        normals = np.array([float(value) for value in slopes(*points[0])]).reshape(len(region.where), len(region.names))
+        for _ in range(40):
+            for k, normal in enumerate(normals):
+                violation = np.minimum(0.0, np.broadcast_to(limits(*points.T)[k], points.shape[:1]))
+                points = np.clip(points - 1.01 * violation[:, None] * normal / max(float(normal @ normal), 1e-300), low, high)
+    return points[np.all(np.isfinite(points), axis=1)]
 
 
 def _near(value: float, digits: int, region: Region, name: str) -> Fraction:

@@ -129,7 +129,9 @@ def _one_period(function: Expression, region: Region) -> Region:
 
 def _freed(region: Region, name: str, ends: Range) -> Region:
     """The region with another range for one variable, and without the limits that tie it to others."""
-    return replace(region, box={**region.box, name: ends}, where=tuple(w for w in region.where if name not in w.variables))
+    kept = tuple(w for w in region.where if name not in w.variables)
+    relaxed = region.relaxed or len(kept) < len(region.where) or name in region.ends
+    return replace(region, box={**region.box, name: ends}, where=kept, relaxed=relaxed)
 
 
 def _rate(function: Expression, name: str) -> Fraction | None:
@@ -166,11 +168,12 @@ def _folded(function: Expression, region: Region, name: str) -> list[tuple[Expre
     if any(isinstance(node, Call) and node.function == "exp" for node in function.walk()):
         low, high = (low * 8 if ends.lower == -inf else low), (high * 8 if ends.upper == inf else high)
     inverted = simplify(function.substitute({name: ONE / Variable(name)}))
+    outside = replace(region, relaxed=True)
     made = [(function, _freed(region, name, Range(low, high)))]
     if ends.upper == inf:
-        made.append(_decaying(inverted, _freed(region, name, Range(Fraction(0), 1 / high))))
+        made.append(_decaying(inverted, _freed(outside, name, Range(Fraction(0), 1 / high))))
     if ends.lower == -inf:
-        made.append(_decaying(inverted, _freed(region, name, Range(1 / low, Fraction(0)))))
+        made.append(_decaying(inverted, _freed(outside, name, Range(1 / low, Fraction(0)))))
     return made
 
 

@@ -19,12 +19,14 @@ class Region:
     """{z : lower <= z <= upper, w(z) >= 0 for every w of `where`}: convex, since each w is affine.
 
     `box` holds the exact ends, or dyadic ends just outside irrational ones: a superset, which is sound for
-    proofs; `holds` asks the true ends, which is sound for refutations.
+    proofs; `holds` asks the true ends, which is sound for refutations. `relaxed`: the region stands for another
+    one, in other variables or without some limits, and its points say nothing.
     """
 
     box: Mapping[str, Range]
     ends: Mapping[str, Interval]
     where: tuple[Expression, ...] = ()
+    relaxed: bool = False
 
     @staticmethod
     def of(plant: Plant) -> Region:

@@ -15,7 +15,7 @@ from cdobs_cli.certify.definedness import Definedness, conditions, defined, defi
 from cdobs_cli.certify.invariance import domain_invariant
 from cdobs_cli.certify.points import high_points, point_balls
 from cdobs_cli.certify.region import Region, point_text
-from cdobs_cli.exact.expression import ZERO, Expression
+from cdobs_cli.exact.expression import ONE, ZERO, Expression
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, fraction_text, lower_text, upper_text
 from cdobs_cli.exact.ranges import Range, range_of
@@ -55,7 +55,9 @@ def slope_claims(plant: Plant) -> tuple[Claim, ...]:
 def _claim(plant: Plant, i: int, j: int, slope: Expression, region: Region, judged: Definedness) -> Claim:
     low, high = plant.slopes.lower[i, j], plant.slopes.upper[i, j]
     statement = f"{low} <= d phi_{i + 1} / d {plant.states[j]} = {simplify(slope)} <= {high} for {region.text()}"
-    if judged.status == "proved":
+    if region.where and next(high_points(ONE, region), None) is None:
+        decided = Decision("undecided", "branch and bound", reason="no point of the domain was found; it may be empty")
+    elif judged.status == "proved":
         decided = decide(slope, low, high, region)
     else:
         witness = Witness("point", "plant", data={"point": point_text(judged.point)}) if judged.point else None

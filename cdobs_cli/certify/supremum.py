@@ -181,6 +181,8 @@ class _Search:
         return best, {j: np.maximum(np.abs(g[0]), np.abs(g[1])) for j, g in enumerate(gradient)}
 
     def exceeding(self, middle: Array, at_middle: Array) -> dict[str, Fraction] | None:
+        if self.region.relaxed:
+            return None
         high = np.flatnonzero(at_middle > self.c_high)
         for k in high[np.argsort(-at_middle[high])][:8]:
             point = {name: Fraction(float(middle[k, j])) for j, name in enumerate(self.region.names)}

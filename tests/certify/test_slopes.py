@@ -194,3 +194,18 @@ def test_the_domain_of_an_epidemic_is_invariant_and_that_of_a_spring_is_not():
     assert status(epidemic, "domain_invariant") == "proved"
     spring = make_plant(["x", "v"], ["v", "-x"], box={"x": ("-1", "1"), "v": ("-1", "1")})
     assert status(spring, "domain_invariant") == "refuted"
+
+
+def test_nothing_is_proved_over_an_empty_domain():
+    empty = make_plant(["a", "b"], ["0", "a**2"], upper=[["0", "0"], ["1", "0"]], box={"a": ("0", "1"), "b": ("0", "1")}, where=["a - 2"])
+    assert status(empty) == "undecided"
+
+
+def test_a_domain_that_is_a_small_part_of_its_box_is_met():
+    where = ["a + b + c + d - 3.9"]
+    box = dict.fromkeys("abcd", ("0", "1"))
+    upper = [["0"] * 4, ["1.99", "0", "0", "0"], ["0"] * 4, ["0"] * 4]
+    assert status(make_plant("abcd", ["0", "a**2", "0", "0"], upper=upper, box=box, where=where)) == "refuted"
+    lower = [["0"] * 4, ["1.79", "0", "0", "0"], ["0"] * 4, ["0"] * 4]
+    upper[1][0] = "2"
+    assert status(make_plant("abcd", ["0", "a**2", "0", "0"], lower, upper, box=box, where=where)) == "proved"
