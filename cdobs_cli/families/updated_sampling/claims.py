@@ -13,7 +13,8 @@ from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
-from cdobs_cli.exact.numbers import lower_text, upper_text
+from cdobs_cli.exact.numbers import ExactMatrix, lower_text, upper_text
+from cdobs_cli.families.updated_sampling.domination import largest_growth
 from cdobs_cli.families.updated_sampling.lipschitz import Rate, largest_is_proved, rate_claim
 from cdobs_cli.families.updated_sampling.member import free_member
 from cdobs_cli.families.updated_sampling.period import guaranteed_period, lemma_1
@@ -55,11 +56,9 @@ def certify(family: UpdatedSampling, plant: Plant, design: Design, effort: int) 
         if holds and not proved:
             proved, by = True, certificate.method
     if not design.certificates and claims[3].status != "refuted":
-        claims.append(Claim(f"{family.method}.P", "certificate", "undecided", "Some P meets the conditions: none was found.", SOURCE))
-    statement = (
-        "x_hat - x tends to 0 for every plant of the class with this c, whatever L(0) >= 1, as long as the state of "
-        "the plant stays in its domain"
-    )
+        claims.append(Claim(f"{family.method}.P", "certificate", "undecided", f"{_wanted(family.method)}: none was found.", SOURCE))
+    where = ", as long as the state of the plant stays in its domain" if plant.domain else ""
+    statement = f"x_hat - x tends to 0 for every plant of the class with this c, whatever L(0) >= 1{where}"
     if claims[3].status == "refuted":
         conclusion = _convergence("refuted", statement, witness=claims[3].witness, method="the member f = 0 with L = 1")
     elif proved and premise.status == "proved" and bounded:
@@ -67,6 +66,12 @@ def certify(family: UpdatedSampling, plant: Plant, design: Design, effort: int) 
     else:
         conclusion = _convergence("undecided", statement)
     return Check((conclusion, *claims), _bounds(rate, numbers, bounded))
+
+
+def _wanted(method: str) -> str:
+    if method == PRIME:
+        return "Some P meets (i) with this K, alpha and a_1, and P D + D P > 0"
+    return "Some P meets (8)-(9) with this K"
 
 
 def _convergence(status: Status, statement: str, **more: Any) -> Claim:
@@ -153,19 +158,32 @@ def _judge(family: UpdatedSampling, plant: Plant, numbers: Numbers, certificate:
 def _prime_claims(numbers: Numbers, certificate: Certificate, proof: PrimeProof, variant: str) -> list[Claim]:
     p_3 = certificate.data["p_3"]
     source = "Andrieu2014, Theorem 2 with (17) and (3)"
+    if not (proof.positive and proof.dilation):
+        return [Claim(f"{PRIME}.P", "certificate", "undecided", f"P > 0 and P D + D P >= p_3 P > 0 with p_3 = {p_3}.", source)]
     slopes = "lower triangular G with |G_ij| <= 1" if variant == "triangular" else "|Delta| <= c |e| in the last row"
     shrink = "" if proof.epsilon is None else f": V = E'PE falls by a factor 1 - {float(proof.epsilon):g} at each sample at least"
     margin = None if proof.epsilon is None else lower_text(fraction_ball(proof.epsilon), 6)
     g = lower_text(arb(numbers.a_2) * arb(p_3), 6)
+    need = (
+        ""
+        if proof.domination
+        else f"; with this P, a_2 = {upper_text(arb(_least_a_2(numbers, certificate, variant)), 4)} or more is needed"
+    )
     return [
-        Claim(f"{PRIME}.P", "certificate", _status(proof.positive and proof.dilation),
+        Claim(f"{PRIME}.P", "certificate", "proved",
               f"P > 0 and P D + D P >= p_3 P with p_3 = {p_3}.", source),
         Claim(f"{PRIME}.i", "certificate", _status(proof.epsilon is not None), f"(i) of Theorem 2' holds{shrink}.", source, margin=margin,
               method="pivots of LDL' in balls"),
         Claim(f"{PRIME}.ii", "certificate", _status(proof.domination),
-              f"(ii) of Theorem 2' holds: between samples V grows at most at the rate a_2 p_3 c = {g} c, for {slopes}.", source,
+              f"(ii) of Theorem 2' holds: between samples V grows at most at the rate a_2 p_3 c = {g} c, for {slopes}{need}.", source,
               method="Bernstein coefficients over halved pieces of [0, alpha]"),
     ]  # fmt: skip
+
+
+def _least_a_2(numbers: Numbers, certificate: Certificate, variant: str) -> float:
+    """g / p_3 in floats: what to try where (ii) is not proved."""
+    P = ExactMatrix(certificate.data["P"]).floats
+    return largest_growth(P, float(arb(numbers.alpha).mid()), variant) / float(certificate.data["p_3"])
 
 
 def _paper_claims(certificate: Certificate, proof: PaperProof, w: int) -> list[Claim]:

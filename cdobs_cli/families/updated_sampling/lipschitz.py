@@ -20,6 +20,7 @@ from cdobs_cli.certificate import Claim, Status
 from cdobs_cli.certify.bounded import TRIAL, bounded, least_bound
 from cdobs_cli.certify.region import Region
 from cdobs_cli.exact.expression import ZERO, Expression, Number, Variable, call, parse
+from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, upper_text
 from cdobs_cli.exact.ranges import range_of
 from cdobs_cli.exact.rational import simplify
@@ -69,25 +70,28 @@ def saturated(plant: Plant, prefix: str) -> dict[str, Expression]:
     return values
 
 
-def magnitudes(plant: Plant) -> dict[tuple[int, int], arb]:
+def magnitudes(plant: Plant) -> dict[tuple[int, int], Fraction] | None:
     """Bounds of |d phi_i / d x_j|: the declared slopes; anew over the whole box where the domain has affine
-    limits besides, since the saturated estimate need not meet those."""
+    limits besides, since the saturated estimate need not meet those (None where no bound is found)."""
     values = {}
     for i, j in plant.slopes.entries:
-        values[i, j] = plant.slopes.lower[i, j].ball().abs_upper().max(plant.slopes.upper[i, j].ball().abs_upper())
+        ends = (plant.slopes.lower[i, j], plant.slopes.upper[i, j])
+        sides: list[str | None] = [str(abs(end.rational)) if end.rational is not None else upper_text(abs(end.ball())) for end in ends]
         if plant.domain.where:
             slope = simplify(plant.phi[i].derivative(plant.states[j]))
             sides = [least_bound(side, _region(plant, ""), _ROUGH, TRIAL) for side in (slope, -slope)]
-            values[i, j] = arb("inf") if None in sides else Exact(str(sides[0])).ball().max(Exact(str(sides[1])).ball()).max(arb(0))
+        found = [Fraction(side) for side in sides if side is not None]
+        if len(found) < 2:
+            return None
+        values[i, j] = max(*found, Fraction(0))
     return values
 
 
-def constant_rate(plant: Plant, variant: str, values: Mapping[tuple[int, int], arb]) -> Rate:
+def constant_rate(variant: str, values: Mapping[tuple[int, int], Fraction]) -> Rate:
     """Gamma: the largest slope (triangular), the norm of the last row (last row)."""
-    total = arb(0)
-    for value in values.values():
-        total = total.max(value) if variant == "triangular" else (total * total + value * value).sqrt()
-    largest = Exact(upper_text(max(values.values(), key=float) if len(values) == 1 else total))
+    largest = Exact(max(values.values(), default=Fraction(0)))
+    if variant == "last_row" and len(values) > 1:
+        largest = Exact(upper_text(fraction_ball(sum((value * value for value in values.values()), Fraction(0))).sqrt()))
     return Rate(largest.expression, largest, "constant")
 
 
@@ -139,9 +143,9 @@ def derive_rate(plant: Plant, variant: str) -> Rate:
     The constant takes the place of an entry that does not come apart; never above the constant of the slopes.
     """
     values = magnitudes(plant)
-    if not all(value.is_finite() for value in values.values()):
+    if values is None:
         return Rate(ZERO, None, "constant")
-    constant = constant_rate(plant, variant, values)
+    constant = constant_rate(variant, values)
     known = frozenset((*(HAT + name for name in plant.states), *(source.name for source in plant.inputs)))
     region = _region(plant, "", BETWEEN, where=True)
 
@@ -159,7 +163,7 @@ def derive_rate(plant: Plant, variant: str) -> Rate:
     for i, j in plant.slopes.entries:
         terms = separated(secant(plant, i, j), known)
         bound = None if terms is None else modulus_bound(terms, ends)
-        bounds.append(Exact(upper_text(values[i, j])).expression if bound is None else bound)
+        bounds.append(Number(values[i, j]) if bound is None else bound)
     if not any(bound.variables for bound in bounds):
         return constant
     c = bounds[0]
@@ -253,7 +257,9 @@ def _is_proved(plant: Plant, rate: Rate, variant: str) -> bool:
         region = _region(plant, "")
         slopes = [simplify(plant.phi[i].derivative(plant.states[j])) for i, j in plant.slopes.entries]
         return all(_is_nonpositive(side - rate.c, region) for slope in slopes for side in (slope, -slope))
-    return bool(constant_rate(plant, variant, magnitudes(plant)).largest.ball() <= rate.largest.ball())  # type: ignore[union-attr]
+    values = magnitudes(plant)
+    needed, stored = (None if values is None else constant_rate(variant, values).largest), rate.largest.rational
+    return needed is not None and needed.rational is not None and stored is not None and needed.rational <= stored
 
 
 def largest_is_proved(plant: Plant, rate: Rate) -> bool:

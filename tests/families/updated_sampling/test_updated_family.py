@@ -71,6 +71,12 @@ def test_large_c():
     assert 100 * period(check) >= 0.17
 
 
+@pytest.mark.parametrize("c", ["1e-6", "1e6"])
+def test_extreme_c(c):
+    _, check = designed(family(), sines(2, c))
+    assert check.verdict == "proved"
+
+
 def test_the_constants_of_the_paper():
     design, check = designed(family(method="theorem_2"), sines(2))
     assert check.verdict == "proved"
@@ -210,7 +216,9 @@ def test_a_typed_c_is_proved_or_left_open():
 def test_a_smaller_stored_c_is_not_believed():
     rate = derive_rate(burst(), "triangular")
     assert rate_claim(burst(), replace(rate, c=parse("u/2", frozenset({"u"}))), "triangular").status == "undecided"
-    constant = constant_rate(sines(2), "triangular", magnitudes(sines(2)))
+    values = magnitudes(sines(2))
+    assert values is not None
+    constant = constant_rate("triangular", values)
     assert rate_claim(sines(2), replace(constant, c=parse("0.5"), largest=Exact("0.5")), "triangular").status == "undecided"
 
 

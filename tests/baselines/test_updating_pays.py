@@ -1,0 +1,20 @@
+"""On an unstable plant with c(x_hat, u) that varies, updating saves measurements at equal error."""
+
+from __future__ import annotations
+
+from updating import Comparison, fewest, front
+
+
+def test_updating_needs_fewer_measurements_than_the_best_constant_period():
+    comparison = Comparison(runs=4, horizon="14")
+    points = [comparison.updated("0.9", "0.3"), comparison.updated("0.9", "0.1")]
+    points += [comparison.constant(period, radius) for period in ("0.15", "0.25", "0.35") for radius in (0.5, 0.7, 0.85)]
+    best = front(points, "updated")[-1]
+    rival = fewest(points, "constant period", best.error)
+    assert rival is None or rival.measurements > 1.2 * best.measurements
+
+
+def test_without_measurements_the_error_grows():
+    comparison = Comparison(runs=4, horizon="14")
+    blind = comparison.constant("13.9", 1.0)
+    assert blind.error > 10 * comparison.updated("0.9", "0.3").error
