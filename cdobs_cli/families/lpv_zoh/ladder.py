@@ -25,7 +25,7 @@ _SCAN = 24
 # Sizes up to which a clock certificate gets one step more of the schedule for the headline, the whole schedule,
 # or (by effort) a search at all.
 _HEADLINE, _WHOLE = 700, 2_000
-_LARGEST = (7_000, 7_000, 70_000, 200_000)
+_LARGEST = (15_000, 15_000, 70_000, 200_000)
 
 
 def methods(family: LpvZeroOrderHold, plant: Plant) -> tuple[str, ...]:

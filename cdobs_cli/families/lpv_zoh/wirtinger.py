@@ -131,10 +131,12 @@ def propose(plant: Plant, tau: float, sigma: float, epsilon: float) -> Proposal:
         lambda x: np.trace(x["P"]) - 1,
     )
     try:
-        L = units.gain_out(np.array(np.linalg.solve(solution.values["S"], solution.values["Y"]), dtype=np.float64))
+        L = np.array(np.linalg.solve(solution.values["S"], solution.values["Y"]), dtype=np.float64)
     except np.linalg.LinAlgError:
         return none
-    return Proposal(L, margin, epsilon) if np.all(np.isfinite(L)) else none
+    # Where the plant falls into parts, what couples them is the solver's noise.
+    L[np.abs(L) < 1e-9 * np.abs(L).max()] = 0.0
+    return Proposal(units.gain_out(L), margin, epsilon) if np.all(np.isfinite(L)) else none
 
 
 def design(plant: Plant, tau: float, sigma: float = 0.0) -> Proposal:
