@@ -10,8 +10,9 @@ import numpy as np
 from cdobs_cli.certificate import Certificate, Check
 from cdobs_cli.chart import Chart, Exhibits, Panel, Series, Table
 from cdobs_cli.design import Design
+from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
-from cdobs_cli.families.reachability.canonical import LastRow, delta_star, last_row
+from cdobs_cli.families.reachability.canonical import LastRow, Number, delta_star, last_row
 from cdobs_cli.families.reachability.kernel import kernel
 from cdobs_cli.families.reachability.proof import METHOD
 from cdobs_cli.families.reachability.structure import is_chain
@@ -72,8 +73,7 @@ def _periods(family: Reachability, plant: Plant, design: Design) -> list[Chart]:
     if not plant.slopes.uncertain or not is_chain(plant):
         return []
     row = last_row(plant)
-    scaled = [LastRow(tuple(v * f for v in row.lo), tuple(v * f for v in row.hi)) for f in FACTORS]
-    limits = [delta_star(r) for r in scaled]
+    limits = [delta_star(LastRow(_scaled(row.lo, factor), _scaled(row.hi, factor))) for factor in FACTORS]
     factors = [float(f) for f in FACTORS]
     finite = [(f, float(limit.mid())) for f, limit in zip(factors, limits, strict=True) if limit.is_finite()]
     series: list[Series] = []
@@ -87,6 +87,10 @@ def _periods(family: Reachability, plant: Plant, design: Design) -> list[Chart]:
     series.append(Series("this design", [1.0], [float(design.sampling.T_max)], "points", "measured"))
     caption = "All slope bounds times a factor: up to which period the set of Theorem III.2 holds, and up to which it gives a gain."
     return [Chart("feasible_period", "Feasible period", caption, (Panel("factor on the slopes", "period", tuple(series), "log", "log"),))]
+
+
+def _scaled(values: tuple[Number, ...], factor: Fraction) -> tuple[Number, ...]:
+    return tuple(value * (factor if isinstance(value, Fraction) else fraction_ball(factor)) for value in values)
 
 
 def _largest_periods(family: Reachability, plant: Plant, design: Design) -> list[tuple[float, float]]:

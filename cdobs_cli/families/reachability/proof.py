@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 METHOD = "set"
 # The paper's constants kappa and eta need the full (13), whose 2^(2n-1) members are many beyond this.
 MAX_STATES_OF_CONSTANTS = 6
+MAX_ENTRIES_OF_ETA = 10
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,11 @@ def constants(family: Reachability, plant: Plant, K: ExactMatrix, certificate: C
     """
     import numpy as np
 
-    if plant.n > MAX_STATES_OF_CONSTANTS or ("s" not in certificate.data and certificate.data["form"] == "reduced"):
+    if (
+        plant.n > MAX_STATES_OF_CONSTANTS
+        or len(plant.slopes.uncertain) > MAX_ENTRIES_OF_ETA
+        or ("s" not in certificate.data and certificate.data["form"] == "reduced")
+    ):
         return None
     boxes = matrix_set(family, plant, certificate.sampling.T_max)
     if boxes is None:

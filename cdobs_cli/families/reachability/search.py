@@ -167,8 +167,11 @@ def lyapunov(F: Array, log: Log, rho: float = 1.0) -> tuple[float, Array]:
 
 
 def contraction(Q: Array, F: Array) -> float:
-    """The largest rho with rho^2 an eigenvalue of Q^-1 F_k'Q F_k."""
-    L = np.linalg.cholesky((Q + Q.T) / 2)
+    """The largest rho with rho^2 an eigenvalue of Q^-1 F_k'Q F_k; infinite where Q is not positive definite."""
+    try:
+        L = np.linalg.cholesky((Q + Q.T) / 2)
+    except np.linalg.LinAlgError:
+        return float("inf")
     norms = np.linalg.norm(L.T @ F @ np.linalg.inv(L.T), 2, axis=(1, 2))
     return float(np.max(norms))
 

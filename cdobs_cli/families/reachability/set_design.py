@@ -212,7 +212,7 @@ class SetSearch:
         J = np.eye(self.plant.n) - K.floats @ self.plant.C.floats
         base, image = (R @ J).T @ Q @ (R @ J), R @ J @ M
         drop = base - np.swapaxes(image, 1, 2) @ Q @ image
-        unit = float(np.trace(Q)) / float(np.trace(C.T @ C))
+        unit = float(np.trace(Q)) / (float(np.trace(C.T @ C)) or 1.0)
         best: tuple[float, float] = (0.0, 0.0)
         for power in np.arange(-3.0, 9.0, 0.5):
             s = unit * 10.0**power

@@ -176,6 +176,22 @@ def test_extreme_scales_end_in_a_finding():
         assert (design.outcome == "found") == (check.verdict == "proved")
 
 
+@pytest.mark.parametrize(
+    "p",
+    [
+        plant([["-pi"]], [[0]], [[0]], [[0]], "0.1"),  # nothing is measured, nothing needs to be
+        plant([[0, "0.5"], [0, "0.5"]], [[0, 0]] * 2, [[0, 0]] * 2, [["-pi", 2]], "0.3"),
+        plant([["sqrt(2)"]], [[0]], [["1e6"]], [[1]], "1e-6"),
+        plant([[0, 1], [0, "1e30"]], [[0, 0], [-1, "-0.5"]], [[0, 0], [1, "1e6"]], [[1, 0], ["-0.3", "0.5"]], "0.1"),
+    ],
+)
+def test_odd_plants_end_in_a_finding(p):
+    for family in (Reachability(objective="max_period"), Reachability(gain={"K": [[0] * p.p for _ in range(p.n)]})):
+        design, check = run(family, p, 0)
+        family.exhibits(p, design, check, None)
+        assert (design.outcome != "found") or check.verdict == "proved"
+
+
 def test_two_outputs_and_an_irrational_one():
     p = chain((-1, 0, 0), (1, 0, 0), "0.5", C=[[1, 0, 0], [0, "sqrt(2)", 1]])
     design, check = run(Reachability(method="set"), p)
