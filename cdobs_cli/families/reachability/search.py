@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 MAX_ROUNDS = 25
+LARGEST = 1e100  # maps beyond this contract nothing, and their squares overflow
 ADDED = 6
 
 
@@ -156,6 +157,8 @@ def _minimax(data: Members) -> Guess:
 def lyapunov(F: Array, log: Log, rho: float = 1.0) -> tuple[float, Array]:
     """Maximise t with rho^2 Q - F_k'Q F_k >= t I, trace Q = 1, over the matrices F (V, r, r)."""
     r = F.shape[1]
+    if not np.max(np.abs(F), initial=0.0) < LARGEST:
+        return -1.0, np.eye(r) / r
     if r == 1:
         return rho**2 - float(np.max(F**2)), np.eye(1)
 
