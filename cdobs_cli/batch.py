@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cdobs_cli.errors import INTERRUPTED, ArtefactError, CdobsError, ExitCode, Problem, SpecError, ToolError, UsageError
-from cdobs_cli.outcome import Message, Result, ResultStatus, exit_code, failure
+from cdobs_cli.outcome import Message, Result, ResultStatus, exit_code, failure, readable
 
 if TYPE_CHECKING:
     from cdobs_cli.console import Console
@@ -131,9 +131,10 @@ def _run(job: Job, stages: tuple[str, ...], settings: Settings) -> Result:
     except SpecError as error:  # what only a run can see, e.g. a signal that leaves its interval
         raise SpecError(tuple(_placed(problem, spec) for problem in error.problems)) from error
     documents = pipeline.documents(work)
-    messages = find(spec, documents, frozenset(stages))
+    told = _told_by(stages, documents)
+    messages = find(spec, documents, told)
     status: ResultStatus = "finding" if messages else "ok"
-    return Result(str(job.spec), status, tuple(messages), **documents, **_told(work, job, stages, settings))  # type: ignore[arg-type]
+    return Result(str(job.spec), status, tuple(messages), **documents, **_told(work, job, stages, settings, told))  # type: ignore[arg-type]
 
 
 def _placed(problem: Problem, spec: Spec) -> Problem:
@@ -143,14 +144,20 @@ def _placed(problem: Problem, spec: Spec) -> Problem:
     return replace(problem, file=file, line=line, column=column)
 
 
-def _told(work: Work, job: Job, stages: tuple[str, ...], settings: Settings) -> dict[str, object]:
+def _told_by(stages: tuple[str, ...], documents: Mapping[str, object]) -> frozenset[str]:
+    """The stages whose findings count: a report tells what is there of the check and the simulation."""
+    shown = {"check", *(("simulate",) if documents["simulation"] is not None else ())} if stages == ("report",) else ()
+    return frozenset({*stages, *shown})
+
+
+def _told(work: Work, job: Job, stages: tuple[str, ...], settings: Settings, seen: frozenset[str]) -> dict[str, object]:
     """The lines for people, what was expected, and the row of the index page."""
     from cdobs_cli.findings import decided
     from cdobs_cli.pipeline import documents, report_model
     from cdobs_cli.report.summary import headline, summary_lines
 
     report = report_model(work, {})
-    expected = tuple(Problem(outcome.expectation.field, "").path for outcome in decided(work.spec, documents(work), frozenset(stages)))
+    expected = tuple(Problem(outcome.expectation.field, "").path for outcome in decided(work.spec, documents(work), seen))
     told: dict[str, object] = {"summary": tuple(summary_lines(report)), "headline": headline(report), "expected": expected}
     if "report" in stages:
         from cdobs_cli.report.index import IndexEntry
@@ -212,7 +219,7 @@ def _write_index(results: list[Result], out: Path) -> None:
 
     rows = []
     for result in results:
-        message = "; ".join(str(message) for message in result.messages)
-        row = result.index or IndexEntry(Path(result.spec).stem, result.spec, result.status, holds=False)
+        message = readable("; ".join(str(message) for message in result.messages))
+        row = result.index or IndexEntry(readable(Path(result.spec).stem), readable(result.spec), result.status, holds=False)
         rows.append(replace(row, message=message, holds=result.status == "ok", seconds=result.seconds))
     write_atomically(out / "index.html", index_page(rows))

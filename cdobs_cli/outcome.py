@@ -75,6 +75,11 @@ class Result:
         }  # fmt: skip
 
 
+def readable(name: str) -> str:
+    """A file's name as text for a page: bytes that are no UTF-8 show as \ufffd."""
+    return name.encode("utf-8", "surrogateescape").decode("utf-8", "replace")
+
+
 def failure(spec: str, text: str) -> Result:
     """The tool failed on a spec."""
     return Result(spec, "failed", (Message("error", text, spec, rule="tool"),))

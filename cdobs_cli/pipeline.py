@@ -15,6 +15,7 @@ from cdobs_cli import __version__
 from cdobs_cli.certificate import Check, Claim
 from cdobs_cli.design import Design
 from cdobs_cli.errors import ArtefactError, UsageError
+from cdobs_cli.outcome import readable
 from cdobs_cli.plant import Plant
 from cdobs_cli.store import Store, digest
 
@@ -215,9 +216,9 @@ def report_model(work: Work, digests: Mapping[str, str]) -> Report:
     assert work.design is not None
     told = [(str(outcome.expectation), outcome.holds, outcome.text) for outcome in decided(work.spec, documents(work), frozenset(STAGES))]
     return build_report(
-        name=work.store.folder.name, title=work.spec.title, spec_path=str(work.spec.source_path), plant=work.plant(work.design),
-        family=work.spec.observer, design=work.design, check=work.check, run=work.run, expectations=told, digests=digests,
-        typed=work.spec.typed, coordinates=work.spec.coordinates,
+        name=readable(work.store.folder.name), title=readable(work.spec.title), spec_path=readable(str(work.spec.source_path)),
+        plant=work.plant(work.design), family=work.spec.observer, design=work.design, check=work.check, run=work.run,
+        expectations=told, digests=digests, typed=work.spec.typed, coordinates=work.spec.coordinates,
     )  # fmt: skip
 
 

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict
 
-from cdobs_cli.chart import Exhibits
 from cdobs_cli.errors import Problem
-from cdobs_cli.plant import Plant
 
 if TYPE_CHECKING:
     from cdobs_cli.certificate import Check
+    from cdobs_cli.chart import Exhibits
     from cdobs_cli.design import Design
     from cdobs_cli.exact.numbers import ExactMatrix
     from cdobs_cli.hybrid import HybridInclusion, Observer
+    from cdobs_cli.plant import Plant
     from cdobs_cli.run import Run, SimulationPlan
 
 
@@ -30,7 +30,7 @@ class Family(BaseModel, ABC):
     `example` is the commented spec that `cdobs init` prints: it runs as it is.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, defer_build=True)
 
     source: ClassVar[str]
     example: ClassVar[str]
@@ -72,6 +72,8 @@ class Family(BaseModel, ABC):
 
     def exhibits(self, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
         """Charts and tables beyond the common ones (states, error, V at samples)."""
+        from cdobs_cli.chart import Exhibits
+
         return Exhibits()
 
     def envelope(self, plant: Plant, design: Design, check: Check) -> Mapping[str, Any] | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -114,7 +115,7 @@ def _row(entry: IndexEntry, largest: float) -> str:
 
 
 def _address(path: str | None) -> str:
-    return escape(quote(path or "", safe="/"))
+    return escape(quote(os.fsencode(path or "")))
 
 
 def _bracket(entry: IndexEntry, largest: float) -> str:

@@ -47,7 +47,7 @@ class Block(BaseModel):
     """Base of the blocks. Fields that must be there are named in `required` and default to None, so that what
     is right in a block can be checked further when something else in it is wrong."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, defer_build=True)
     required: ClassVar[tuple[str, ...]] = ()
 
 

@@ -71,7 +71,7 @@ Inequality = Annotated[Any, PlainValidator(_inequalities), WithJsonSchema({"type
 class DomainBlock(Block):
     """state: [lower, upper], null for an open end; `where`: affine inequalities."""
 
-    model_config = ConfigDict(extra="allow", frozen=True, arbitrary_types_allowed=True)
+    model_config = ConfigDict(extra="allow", frozen=True, arbitrary_types_allowed=True, defer_build=True)
     __pydantic_extra__: dict[str, IntervalField]
     where: Annotated[tuple[Inequality, ...], sized(0, MAX_INEQUALITIES)] = ()
 

@@ -28,7 +28,7 @@ Noise = Annotated[Expression, formula("t", functions=NOISE_FUNCTIONS)]
 class SignalsBlock(Block):
     """Inputs by name, `d` the disturbance, `v` the noise at samples: expressions of t."""
 
-    model_config = ConfigDict(extra="allow", frozen=True, arbitrary_types_allowed=True)
+    model_config = ConfigDict(extra="allow", frozen=True, arbitrary_types_allowed=True, defer_build=True)
     __pydantic_extra__: dict[str, OfTime]
     d: Annotated[tuple[OfTime, ...], sized(1, MAX_STATES)] | None = None
     v: Annotated[tuple[Noise, ...], sized(1, MAX_STATES)] | None = None

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Tag
 
-from cdobs_cli.chart import Exhibits
 from cdobs_cli.errors import Problem
 from cdobs_cli.families.base import Family
 from cdobs_cli.families.fields import Rows
 
 if TYPE_CHECKING:
     from cdobs_cli.certificate import Check
+    from cdobs_cli.chart import Exhibits
     from cdobs_cli.design import Design
     from cdobs_cli.exact.numbers import ExactMatrix
     from cdobs_cli.hybrid import HybridInclusion, Observer
@@ -67,7 +67,7 @@ expect:
 class Gain(BaseModel):
     """A given observer: S, shape (n, n), and L, shape (n, p)."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, defer_build=True)
 
     S: Rows
     L: Rows
@@ -76,7 +76,7 @@ class Gain(BaseModel):
 class Feedback(BaseModel):
     """Given feedback u = K_lower z_lower + K_upper z_upper at samples, both of shape (m, n)."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, defer_build=True)
 
     K_lower: Rows
     K_upper: Rows

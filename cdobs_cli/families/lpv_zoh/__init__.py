@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from cdobs_cli.chart import Exhibits
 from cdobs_cli.errors import Problem
 from cdobs_cli.families.base import Family
 from cdobs_cli.families.fields import Rows
 
 if TYPE_CHECKING:
     from cdobs_cli.certificate import Check
+    from cdobs_cli.chart import Exhibits
     from cdobs_cli.design import Design
     from cdobs_cli.exact.numbers import ExactMatrix
     from cdobs_cli.hybrid import HybridInclusion, Observer
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 class Gain(BaseModel):
     """A given gain: L, shape (n, p)."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, defer_build=True)
 
     L: Rows
 
@@ -39,7 +39,7 @@ class PrintedData(BaseModel):
     """(P, Y) of Theorem 1 as printed somewhere, shapes (n, n) and (n, 1), to be put to the test; `vertices`
     the printed A_i, where they are not the corners of the declared slopes."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, defer_build=True)
 
     P: Rows
     Y: Rows

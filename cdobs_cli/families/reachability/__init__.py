@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
 
-from cdobs_cli.chart import Exhibits
 from cdobs_cli.errors import Problem
 from cdobs_cli.families.base import Family
 from cdobs_cli.families.fields import ExpressionInDelta, Rows
 
 if TYPE_CHECKING:
     from cdobs_cli.certificate import Check
+    from cdobs_cli.chart import Exhibits
     from cdobs_cli.design import Design
     from cdobs_cli.exact.numbers import ExactMatrix
     from cdobs_cli.hybrid import HybridInclusion, Observer
@@ -67,7 +67,7 @@ expect:
 class Gain(BaseModel):
     """A given gain: K, shape (n, p)."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, defer_build=True)
 
     K: Rows
 
@@ -76,7 +76,7 @@ class MatrixSet(BaseModel):
     """The set M typed out: matrices of expressions in `delta`. Where an entry is a list, the set holds
     every combination of the listed values."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, defer_build=True)
 
     matrices: Annotated[tuple[SetMatrix, ...], Field(max_length=1024)]
 
