@@ -198,6 +198,8 @@ def _code() -> int:
         return _refused(f"cdobs: {error}", str(error), error.exit_code)
     except (KeyboardInterrupt, typer.Abort):
         code = _INTERRUPTED
+    except SystemExit as error:  # typer's way out, with 1, where nobody reads stdout any more
+        raise BrokenPipeError from error
     except BrokenPipeError:
         raise
     except Exception as error:
