@@ -14,7 +14,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 .PHONY: demo test lint bench clean
 
 demo: $(VENV)/installed
-	$(BIN)/cdobs run specs --out results
+	$(BIN)/cdobs run specs --out results --jobs $(JOBS)
 	@echo "Open results/index.html, or results/<spec>/report.html."
 
 test: lint

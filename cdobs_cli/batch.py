@@ -47,11 +47,12 @@ class Settings:
     witness: str | None = None
 
 
-def jobs(paths: Iterable[Path], out: Path) -> list[Job]:
+def jobs(paths: Iterable[Path], out: Path, *, writing: bool = True) -> list[Job]:
     """The specs that the paths mean, in a stable order, each once; never empty for a path.
 
     A directory without a spec, a folder that cannot be read, and a spec whose results would fall on those of
-    another are jobs too, `refused`: they cost an exit code, and the others are carried out.
+    another (where there is any `writing`) are jobs too, `refused`: they cost an exit code, and the others are
+    carried out.
     """
     found: dict[Path, Job] = {}
     owners: dict[Path, Path] = {}
@@ -60,10 +61,10 @@ def jobs(paths: Iterable[Path], out: Path) -> list[Job]:
             if job.spec.absolute() in found:
                 continue
             owner = owners.setdefault(job.folder, job.spec) if job.refused is None else job.spec
-            if owner.resolve() != job.spec.resolve():
+            if writing and owner.resolve() != job.spec.resolve():
                 told = f"{owner} has its results in {job.folder} already; give one of them another name or another --out"
                 job = replace(job, refused=told)
-            elif owner != job.spec:
+            elif owner != job.spec and owner.resolve() == job.spec.resolve():
                 continue  # the same file by another name
             found[job.spec.absolute()] = job
     return list(found.values())
@@ -172,7 +173,7 @@ def carry_out(command: str, paths: Sequence[Path], stages: tuple[str, ...], sett
 
     After an interrupt, what has ended is told as it is, and the rest as failed.
     """
-    todo = jobs(paths, settings.out)
+    todo = jobs(paths, settings.out, writing=bool(stages))
     results: dict[int, Result] = {}
     interrupted = False
     with console.following([str(job.spec) for job in todo]) as follow, closing(_each(todo, stages, settings, follow.started)) as ended:

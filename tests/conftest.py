@@ -36,6 +36,20 @@ def pendulum() -> str:
     return PENDULUM
 
 
+@pytest.fixture(scope="session")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with p.yaml, the pendulum, and its results; to be copied."""
+    from cdobs_cli.batch import Job, Settings, run
+    from cdobs_cli.cli import STAGES
+
+    folder = tmp_path_factory.mktemp("finished")
+    (folder / "p.yaml").write_text(PENDULUM)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        assert run(Job(Path("p.yaml"), Path("results/p")), STAGES, Settings()).status == "ok"
+    return folder
+
+
 @pytest.fixture
 def cdobs(tmp_path: Path) -> Cdobs:
     """Run the command in an empty folder, as its own process."""

@@ -18,8 +18,7 @@ import documents
 import pytest
 from command import ROOT, Cdobs, forked
 
-from cdobs_cli.batch import Job, Settings, jobs, run
-from cdobs_cli.cli import STAGES
+from cdobs_cli.batch import jobs
 from cdobs_cli.outcome import readable
 
 
@@ -58,6 +57,12 @@ def test_what_cannot_be_carried_out_costs_its_own_row_only(tmp_path: Path, monke
     }  # fmt: skip
 
 
+def test_what_only_reads_takes_equal_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    touch("d/a.yaml", "e/a.yaml")
+    assert [job.refused for job in jobs([Path("d/a.yaml"), Path("e/a.yaml")], Path("r"), writing=False)] == [None, None]
+
+
 def test_a_folder_that_cannot_be_read_is_not_passed_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     touch("d/a.yaml", "d/locked/b.yaml")
@@ -88,19 +93,6 @@ def test_unreadable_specs_and_names_that_are_no_text(tmp_path: Path, pendulum: s
     assert readable("p\udcff") == "p\ufffd"
 
 
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with one spec and its results."""
-    from conftest import PENDULUM
-
-    folder = tmp_path_factory.mktemp("finished")
-    (folder / "p.yaml").write_text(PENDULUM)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)
-        assert run(Job(Path("p.yaml"), Path("results/p")), STAGES, Settings()).status == "ok"
-    return folder
-
-
 def seconds(cdobs: Cdobs, *arguments: str) -> float:
     """CPU time of a command and of its workers."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -112,7 +104,7 @@ def seconds(cdobs: Cdobs, *arguments: str) -> float:
 
 def test_a_second_run_costs_less_than_two_validations(tmp_path: Path, cdobs: Cdobs, finished: Path) -> None:
     (tmp_path / "specs").mkdir()
-    for name in ("a", "b", "c", "d"):
+    for name in ("a", "b", "c"):
         shutil.copy(finished / "p.yaml", tmp_path / "specs" / f"{name}.yaml")
         shutil.copytree(finished / "results" / "p", tmp_path / "results" / name)
     cdobs("run", "specs")  # the reports carry the new names

@@ -33,16 +33,15 @@ CODES = {
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def prepared(tmp_path_factory: pytest.TempPathFactory, finished: Path) -> Path:
     """Folders with a spec each and its results, ready to be copied."""
-    place = tmp_path_factory.mktemp("finished")
-    for name, content in (("holds", PENDULUM), ("finding", FINDING)):
-        folder = place / name
-        folder.mkdir()
-        (folder / "p.yaml").write_text(content)
-        with pytest.MonkeyPatch.context() as patch:
-            patch.chdir(folder)
-            run(Job(Path("p.yaml"), Path("results/p")), STAGES, Settings())
+    place = tmp_path_factory.mktemp("prepared")
+    shutil.copytree(finished, place / "holds")
+    (place / "finding").mkdir()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(place / "finding")
+        Path("p.yaml").write_text(FINDING)
+        run(Job(Path("p.yaml"), Path("results/p")), STAGES, Settings())
     shutil.copytree(place / "holds", place / "undecided")
     path = place / "undecided" / "results" / "p" / "check.json"
     check = json.loads(path.read_text())
@@ -89,9 +88,9 @@ def full_disk() -> None:
 BROKEN: dict[str, Callable[[], None]] = {"crash": crash, "killed": killed, "interrupt": interrupt, "unwritable": full_disk}
 
 
-def carried_out(finished: Path, folder: Path, command: str, condition: str, output: str) -> Done:
+def carried_out(prepared: Path, folder: Path, command: str, condition: str, output: str) -> Done:
     if not folder.exists():
-        shutil.copytree(finished / (condition if condition in ("finding", "undecided") else "holds"), folder)
+        shutil.copytree(prepared / (condition if condition in ("finding", "undecided") else "holds"), folder)
         if condition == "invalid":
             (folder / "p.yaml").write_text(PENDULUM.replace("states", "stats"))
     arguments = [command, "results" if condition == "no spec" else "p.yaml", "--format", output]
@@ -102,10 +101,10 @@ def carried_out(finished: Path, folder: Path, command: str, condition: str, outp
 
 @pytest.mark.parametrize("condition", CODES["run"])
 @pytest.mark.parametrize("command", CODES)
-def test_exit_codes_and_documents(finished: Path, tmp_path: Path, command: str, condition: str) -> None:
+def test_exit_codes_and_documents(prepared: Path, tmp_path: Path, command: str, condition: str) -> None:
     code = CODES[command][condition]
     for output, check in documents.CHECKS.items():
-        done = carried_out(finished, tmp_path / "here", command, condition, output)
+        done = carried_out(prepared, tmp_path / "here", command, condition, output)
         assert (output, done.returncode) == (output, code), done.stderr
         check(done.stdout, code)
         assert "Traceback" not in done.stderr
@@ -115,15 +114,15 @@ def test_exit_codes_and_documents(finished: Path, tmp_path: Path, command: str, 
 
 
 @pytest.mark.parametrize("command", STAGES)
-def test_a_process_that_dies_is_a_failure(finished: Path, tmp_path: Path, command: str) -> None:
-    done = carried_out(finished, tmp_path / "here", command, "killed", "json")
+def test_a_process_that_dies_is_a_failure(prepared: Path, tmp_path: Path, command: str) -> None:
+    done = carried_out(prepared, tmp_path / "here", command, "killed", "json")
     assert done.returncode == 3
     (result,) = documents.json_document(done.stdout, 3)["results"]
     assert "SIGKILL" in result["messages"][0]["text"]
 
 
-def test_what_fails_is_told_where_with_expected_and_found(finished: Path, tmp_path: Path) -> None:
-    done = carried_out(finished, tmp_path / "here", "run", "finding", "json")
+def test_what_fails_is_told_where_with_expected_and_found(prepared: Path, tmp_path: Path) -> None:
+    done = carried_out(prepared, tmp_path / "here", "run", "finding", "json")
     (result,) = documents.json_document(done.stdout, 1)["results"]
     messages = {message["field"]: message for message in result["messages"]}
     assert [path for path in messages if path.startswith("expect")] == ["expect[0]", "expect[1]"]
@@ -134,15 +133,15 @@ def test_what_fails_is_told_where_with_expected_and_found(finished: Path, tmp_pa
     assert done.stderr.count("p.yaml:") == len(messages)
 
 
-def test_artefacts_stand_whole_in_the_document(finished: Path, tmp_path: Path) -> None:
-    done = carried_out(finished, tmp_path / "here", "run", "holds", "json")
+def test_artefacts_stand_whole_in_the_document(prepared: Path, tmp_path: Path) -> None:
+    done = carried_out(prepared, tmp_path / "here", "run", "holds", "json")
     (result,) = documents.json_document(done.stdout, 0)["results"]
     for name in ("design", "check", "simulation"):
         assert result[name] == json.loads((tmp_path / "here/results/p" / f"{name}.json").read_text())
 
 
-def test_junit_has_a_case_for_each_claim_and_expectation(finished: Path, tmp_path: Path) -> None:
-    done = carried_out(finished, tmp_path / "here", "run", "finding", "junit")
+def test_junit_has_a_case_for_each_claim_and_expectation(prepared: Path, tmp_path: Path) -> None:
+    done = carried_out(prepared, tmp_path / "here", "run", "finding", "junit")
     root = documents.junit(done.stdout, 1)
     cases = {case.attrib["name"]: [child.tag for child in case] for case in root.iter("testcase")}
     assert cases["convergence"] == cases["expect[0]"] == cases["expect[1]"] == ["failure"]
