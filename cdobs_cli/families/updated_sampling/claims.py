@@ -13,7 +13,8 @@ from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
-from cdobs_cli.exact.numbers import ExactMatrix, lower_text, upper_text
+from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text, upper_text
+from cdobs_cli.families.updated_sampling import constant_period
 from cdobs_cli.families.updated_sampling.domination import largest_growth
 from cdobs_cli.families.updated_sampling.lipschitz import Rate, largest_is_proved, rate_claim
 from cdobs_cli.families.updated_sampling.member import free_member
@@ -47,7 +48,9 @@ def certify(family: UpdatedSampling, plant: Plant, design: Design, effort: int) 
     bounded = largest_is_proved(plant, rate)
     claims = [premise, _bounded_claim(rate, bounded), _hurwitz_claim(numbers), _one_step_claim(plant, design, numbers, effort)]
     proved, by = False, None
-    for certificate in design.certificates:
+    own = [certificate for certificate in design.certificates if certificate.method != constant_period.METHOD]
+    beside = next((certificate for certificate in design.certificates if certificate.method == constant_period.METHOD), None)
+    for certificate in own:
         try:
             holds, made = _judge(family, plant, numbers, certificate)
         except (*_UNREADABLE, ZeroDivisionError):
@@ -55,7 +58,7 @@ def certify(family: UpdatedSampling, plant: Plant, design: Design, effort: int) 
         claims += made
         if holds and not proved:
             proved, by = True, certificate.method
-    if not design.certificates and claims[3].status != "refuted":
+    if not own and claims[3].status != "refuted":
         claims.append(Claim(f"{family.method}.P", "certificate", "undecided", f"{_wanted(family.method)}: none was found.", SOURCE))
     where = ", as long as the state of the plant stays in its domain" if plant.domain else ""
     statement = f"x_hat - x tends to 0 for every plant of the class with this c, whatever L(0) >= 1{where}"
@@ -65,7 +68,31 @@ def certify(family: UpdatedSampling, plant: Plant, design: Design, effort: int) 
         conclusion = _convergence("proved", statement, method=by, by=f"{by}.ii" if by == PRIME else by)
     else:
         conclusion = _convergence("undecided", statement)
-    return Check((conclusion, *claims), _bounds(rate, numbers, bounded))
+    bounds = _bounds(rate, numbers, bounded)
+    if beside is not None and rate.largest is not None:
+        claim = _constant_claim(family, plant, rate.largest, beside)
+        claims.append(claim)
+        if claim.status == "proved":
+            about = f"a constant period with a gain of its own, slopes up to {rate.largest}"
+            bounds["guaranteed_period.constant"] = Bound(str(beside.sampling.T_max), None, "s", "clock", about)
+    return Check((conclusion, *claims), bounds)
+
+
+def _constant_claim(family: UpdatedSampling, plant: Plant, c: Exact, certificate: Certificate) -> Claim:
+    """The clock-dependent certificate at a constant period, where c is known in advance."""
+    try:
+        holds = constant_period.holds(plant, family.variant, c, certificate)
+    except (*_UNREADABLE, ZeroDivisionError):
+        holds = False
+    statement = f"Slopes up to {c} are also served by a constant gain at the constant period {certificate.sampling.T_max}."
+    return Claim(
+        "constant_period",
+        "certificate",
+        _status(holds),
+        statement,
+        "clock-dependent Lyapunov function",
+        method="exact Bernstein coefficients",
+    )
 
 
 def _wanted(method: str) -> str:

@@ -14,7 +14,10 @@ _TIME = "time (s)"
 
 
 def exhibits(plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
-    """What the report shows beyond the common figures. Source: Andrieu2014, Figures 1, 2, 4"""
+    """What the report shows beyond the common figures.
+
+    Source: Andrieu2014, Figures 1, 2, 4
+    """
     if design.outcome == "none":
         return Exhibits()
     charts: list[Chart] = []
@@ -61,7 +64,11 @@ def _gain(run: Trajectory) -> Chart:
 def _tables(check: Check | None) -> list[Table]:
     if check is None or not check.bounds:
         return []
-    names = {"guaranteed_period": "fixed point of (6)-(7), exact", "guaranteed_period.lemma_1": "constants of Lemma 1"}
+    names = {
+        "guaranteed_period": "fixed point of (6)-(7), exact",
+        "guaranteed_period.lemma_1": "constants of Lemma 1",
+        "guaranteed_period.constant": "constant period and gain, c known in advance",
+    }
     rows: list[tuple[Any, ...]] = [(names[key], bound.proved, bound.refuted) for key, bound in check.bounds.items() if key in names]
     caption = (
         "No sampling period is shorter while c stays below its bound. The last column is what the periods come down to for constant c."

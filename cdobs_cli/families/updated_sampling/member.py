@@ -12,7 +12,10 @@ from cdobs_cli.plant import Plant, SamplingLaw, Slopes
 
 
 def error_maps(view: PlantView[Any]) -> ErrorMaps[Any]:
-    """edot = A e, e+ = (I + alpha K C) e, for e = x_hat - x. Source: Andrieu2014, (10), (12)"""
+    """edot = A e, e+ = (I + alpha K C) e, for e = x_hat - x.
+
+    Source: Andrieu2014, (10), (12)
+    """
     unit = [view.unit(i) for i in range(view.A.shape[0])]
     identity = unit[0] @ unit[0].T
     for column in unit[1:]:

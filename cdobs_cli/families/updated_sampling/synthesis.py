@@ -11,7 +11,7 @@ from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify.ball import has_spectral_radius_at_least
 from cdobs_cli.design import Design, SolverRecord
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, lower_text, upper_text
-from cdobs_cli.families.updated_sampling import paper_search, prime_search
+from cdobs_cli.families.updated_sampling import constant_period, paper_search, prime_search
 from cdobs_cli.families.updated_sampling.lipschitz import Rate, derive_rate, read_rate, typed_rate
 from cdobs_cli.families.updated_sampling.proof import Numbers, prove_prime, prove_theorem_2
 from cdobs_cli.families.updated_sampling.theorems import Chain, one_step_map
@@ -44,13 +44,23 @@ def stored_rate(family: UpdatedSampling, plant: Plant, design: Design) -> Rate:
 
 
 def weight(family: UpdatedSampling, n: int) -> int:
-    """a_3 / 2 of Theorem 2: n in the triangular form, 1 for the last row. Source: Andrieu2014; Andrieu2013"""
+    """a_3 / 2 of Theorem 2: n in the triangular form, 1 for the last row.
+
+    Source: Andrieu2014; Andrieu2013
+    """
     return n if family.variant == "triangular" else 1
 
 
 def synthesize(family: UpdatedSampling, plant: Plant, effort: int) -> Design:
-    """A gain with a certificate that is proved already, or the given gain with one where one is found."""
+    """A gain with a certificate that is proved already, or the given gain with one where one is found; beside it
+    what a constant period can do for the same slopes."""
     rate = rate_of(family, plant)
+    made = _designed(family, plant, rate, effort)
+    beside = None if rate.largest is None or made.outcome == "none" else constant_period.longest(plant, family.variant, rate.largest, 0)
+    return made if beside is None else replace(made, certificates=(*made.certificates, beside))
+
+
+def _designed(family: UpdatedSampling, plant: Plant, rate: Rate, effort: int) -> Design:
     none = Design(family.name, "none", plant.sampling, {}, details={"rate": rate.document()})
     if family.gain is not None:
         gain = family.gain

@@ -67,11 +67,6 @@ class Chain(Generic[M]):
         return total  # type: ignore[no-any-return]
 
 
-def update_L(a_1_alpha: Any, L: Any) -> Any:
-    """L(t_k) = L(t_k^-) (1 - a_1 alpha) + a_1 alpha. Source: Andrieu2014, (6c)"""
-    return L * (1 - a_1_alpha) + a_1_alpha
-
-
 def growth(a_2: Any, a_3: Any, b: Any, exp: Callable[[Any], Any]) -> Any:
     """ln(L^- / L_k) = (a_2 / a_3) (exp(a_3 b) - 1), b the integral of c over the period; a_2 b where a_3 = 0.
 
@@ -81,32 +76,50 @@ def growth(a_2: Any, a_3: Any, b: Any, exp: Callable[[Any], Any]) -> Any:
 
 
 def condition_8_lower(P: Any, p_1: Any, identity: Any) -> Any:
-    """P - p_1 I >= 0. Source: Andrieu2014, (8)"""
+    """P - p_1 I >= 0.
+
+    Source: Andrieu2014, (8)
+    """
     return P - identity * p_1
 
 
 def condition_8_upper(P: Any, p_2: Any, identity: Any) -> Any:
-    """p_2 I - P >= 0. Source: Andrieu2014, (8)"""
+    """p_2 I - P >= 0.
+
+    Source: Andrieu2014, (8)
+    """
     return identity * p_2 - P
 
 
 def condition_9(chain: Chain[Any], P: Any, W: Any) -> Any:
-    """-I - (A + K C)'P - P (A + K C) >= 0 with W = P K. Source: Andrieu2014, (9)"""
+    """-I - (A + K C)'P - P (A + K C) >= 0 with W = P K.
+
+    Source: Andrieu2014, (9)
+    """
     return -chain.identity - symmetric(P @ chain.A + W @ chain.C)
 
 
 def condition_9_lower(chain: Chain[Any], P: Any, p_3: Any) -> Any:
-    """P D + D P - p_3 P >= 0. Source: Andrieu2014, (9)"""
+    """P D + D P - p_3 P >= 0.
+
+    Source: Andrieu2014, (9)
+    """
     return symmetric(P @ chain.D) - P * p_3
 
 
 def condition_9_upper(chain: Chain[Any], P: Any, p_4: Any) -> Any:
-    """p_4 P - P D - D P >= 0. Source: Andrieu2014, (9)"""
+    """p_4 P - P D - D P >= 0.
+
+    Source: Andrieu2014, (9)
+    """
     return P * p_4 - symmetric(P @ chain.D)
 
 
 def theorem_2_a_1(p_2: Any, p_4: Any) -> Any:
-    """a_1 = 1 / (2 p_2 p_4). Source: Andrieu2014, Theorem 2"""
+    """a_1 = 1 / (2 p_2 p_4).
+
+    Source: Andrieu2014, Theorem 2
+    """
     return 1 / (2 * p_2 * p_4)
 
 
@@ -119,12 +132,18 @@ def one_step_map(chain: Chain[Any], K: Any, alpha: Any) -> Any:
 
 
 def psi_0(chain: Chain[Any], a_1_alpha: Any) -> Any:
-    """psi_0 = diag((1 - a_1 alpha)^-i). Source: Andrieu2014, Lemma 6"""
+    """psi_0 = diag((1 - a_1 alpha)^-i).
+
+    Source: Andrieu2014, Lemma 6
+    """
     return chain.powers(1 / (1 - a_1_alpha))
 
 
 def lemma_4(chain: Chain[Any], P: Any, K: Any, alpha: Any, a_1: Any, p_2: Any) -> Any:
-    """(1 - alpha / (4 p_2)) P - Q' psi_0 P psi_0 Q >= 0. Source: Andrieu2014, Lemma 4, (17) by Lemma 6"""
+    """(1 - alpha / (4 p_2)) P - Q' psi_0 P psi_0 Q >= 0.
+
+    Source: Andrieu2014, Lemma 4, (17) by Lemma 6
+    """
     return theorem_2_prime_i(chain, P, K, alpha, a_1, alpha / (4 * p_2))
 
 
@@ -138,8 +157,9 @@ def lemma_5_N_1(norm_Q: Any, norm_J: Any, exp_alpha: Any, norm_P: Any, scale: An
 
 
 def lemma_5_N_2(norm_J: Any, exp_alpha: Any, norm_P: Any, scale: Any) -> Any:
-    """N_2 = |I + alpha K C|^2 e^(2 |A| alpha) |P| / (1 - a_1 alpha)^(2n). Source: Andrieu2014, Lemma 5
+    """N_2 = |I + alpha K C|^2 e^(2 |A| alpha) |P| / (1 - a_1 alpha)^(2n).
 
+    Source: Andrieu2014, Lemma 5
     Deviates: Andrieu2013 has N_2(0) = 1; it is |P|.
     """
     return norm_J * norm_J * exp_alpha * exp_alpha * norm_P / scale
@@ -164,12 +184,18 @@ def theorem_2_a_2_least(weight: Any, N_1: Any, N_2: Any, p_1: Any, p_3: Any, max
 
 
 def lemma_1_kappa(a_2: Any, a_3: Any, b: Any, exp: Callable[[Any], Any]) -> Any:
-    """kappa(s) = exp(a_2 c s exp(a_3 c s)), b = c s. Source: Andrieu2014, proof of Lemma 1"""
+    """kappa(s) = exp(a_2 c s exp(a_3 c s)), b = c s.
+
+    Source: Andrieu2014, proof of Lemma 1
+    """
     return exp(a_2 * b * exp(a_3 * b))
 
 
 def lemma_1_phi(a_1_alpha: Any, kappa: Any, ell: Any) -> Any:
-    """phi(l) = (1 - a_1 alpha) kappa(alpha / l) + a_1 alpha / l. Source: Andrieu2014, (A.2)"""
+    """phi(l) = (1 - a_1 alpha) kappa(alpha / l) + a_1 alpha / l.
+
+    Source: Andrieu2014, (A.2)
+    """
     return (1 - a_1_alpha) * kappa + a_1_alpha / ell
 
 

@@ -65,6 +65,19 @@ def test_more_states(n, least):
     assert design.gain["K"].shape == (n, 1)
 
 
+def test_a_constant_period_does_more_where_c_is_known(two_states):
+    design, check = two_states
+    constant = check.bounds["guaranteed_period.constant"]
+    assert float(constant.proved or 0) > 3 * period(check)
+    certificate = design.certificates[-1]
+    assert certificate.method == "constant_period"
+    for data in ({**certificate.data, "c": "0.5"}, {**certificate.data, "K": [["1"], ["-1"]]}, {}):
+        again = family().certify(sines(2), replace(design, certificates=(*design.certificates[:-1], replace(certificate, data=data))), 0)
+        assert again.verdict == "proved"
+        assert again.claim("constant_period").status == "undecided"
+        assert "guaranteed_period.constant" not in again.bounds
+
+
 def test_large_c():
     _, check = designed(family(), sines(2, "100"))
     assert check.verdict == "proved"
