@@ -100,9 +100,7 @@ def _row(entry: IndexEntry, largest: float) -> str:
     seconds = f" · {number_text(entry.seconds, 3)} s" if entry.seconds is not None else ""
     expected = "" if entry.holds is None else status_badge("holds" if entry.holds else "fails")
     picture = (
-        f'<a href="{_address(entry.link or entry.figure)}"><img src="{_address(entry.figure)}" alt="{name}" loading="lazy"></a>'
-        if entry.figure
-        else ""
+        f'<a href="{_address(entry.link or entry.figure)}"><img src="{_address(entry.figure)}" alt="{name}"></a>' if entry.figure else ""
     )
     proved = float_or_none(entry.bound.proved) if entry.bound else None
     return (

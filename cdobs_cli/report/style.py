@@ -89,6 +89,7 @@ svg.bracket { width: 9rem; height: 1.6rem; display: block; }
   .scroll, .formula, pre { overflow: visible; }
   pre { white-space: pre-wrap; }
   table { font-size: 8.5pt; }
+  table .soft { font-size: inherit; }
   figure, tr, .headline { break-inside: avoid; }
   h2, h3 { break-after: avoid; }
   th button::after { content: ""; }
