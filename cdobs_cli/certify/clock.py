@@ -42,6 +42,9 @@ MAX_CORNER_ENTRIES = 10  # 2^10 corners at most are enumerated
 UNDECIDED = Definiteness("undecided", None)
 
 
+Cuts = dict[tuple["Shape", bool], set[tuple[int, int]]]
+
+
 def lyapunov(P: Any, A: Any, sigma: Any) -> Any:
     """P A + A' P + 2 sigma P."""
     return P @ A + A.T @ P + P * (2 * sigma)
@@ -238,36 +241,39 @@ def _prove_monodromy(inclusion: HybridInclusion, certificate: Certificate) -> De
 
 _SCHEDULE = ((3, 4, 2), (4, 5, 4), (5, 6, 6), (6, 7, 10))  # (d, D, pieces), coarse to fine
 # Unknowns allowed for each shape, by effort: small plants go further in the schedule.
-_LARGEST = ((10_000, 0, 0, 0), (10_000, 800, 200, 0), (10_000, 10_000, 1400, 400), (10_000, 10_000, 2600, 2600))
+_LARGEST = ((10_000, 0, 0, 0), (10_000, 800, 350, 0), (10_000, 10_000, 1400, 400), (10_000, 10_000, 2600, 2600))
 _TOLERANCE = (Fraction(1, 100), Fraction(1, 500), Fraction(1, 2000), Fraction(1, 5000))  # of a period search
 GAIN_DIGITS = 6
 
 
-def analyse(inclusion: HybridInclusion, effort: int, sigma: Fraction = Fraction(0)) -> Certificate | None:
+def analyse(inclusion: HybridInclusion, effort: int, sigma: Fraction = Fraction(0), cuts: Cuts | None = None) -> Certificate | None:
     """A proved certificate for this gain under the inclusion's sampling law, with decay rate sigma, or None.
 
     A linear error system sampled periodically is decided by its spectral radius; else the schedule of
-    degrees and pieces is tried up to `effort` (0..3). Uses the solver.
+    degrees and pieces is tried up to `effort` (0..3). Uses the solver. `cuts` remembers which corners bound
+    before: pass the same dict through a search over periods or gains.
     """
+    cuts = {} if cuts is None else cuts
     if not inclusion.entries and inclusion.sampling.kind == "periodic":
         certificate = Certificate(MONODROMY, inclusion.sampling, {"sigma": fraction_text(sigma)})
         return certificate if prove(inclusion, certificate).proved else None
     for shape in shapes(inclusion, effort):
-        proposed = propose(inclusion, shape, sigma, {})
+        proposed = propose(inclusion, shape, sigma, cuts)
         if proposed is not None and prove(inclusion, proposed).proved:
             return proposed
     return None
 
 
 def design_impulsive(
-    open_loop: HybridInclusion, effort: int, sigma: Fraction = Fraction(0)
+    open_loop: HybridInclusion, effort: int, sigma: Fraction = Fraction(0), cuts: Cuts | None = None
 ) -> tuple[NDArray[np.float64], Certificate] | None:
     """A gain K (n, p) for the jump e+ = (I - K C) e with a proved certificate, or None.
 
     K comes rounded to GAIN_DIGITS significant digits, and the certificate is proved for that K. The jump of
     `open_loop` is not read. With T_min = 0 the gain is looked for from T_max / 8 on, and must keep C K = I
-    exactly to be proved from 0. Uses the solver.
+    exactly to be proved from 0. Uses the solver. `cuts` as in `analyse`.
     """
+    cuts = {} if cuts is None else cuts
     law = open_loop.sampling
     if len(open_loop.entries) > MAX_CORNER_ENTRIES or law.T_max.sign() != 1 or law.kind == "updated":
         return None
@@ -278,13 +284,13 @@ def design_impulsive(
             return None
         away = _with_law(open_loop, SamplingLaw("aperiodic", Exact(longest / 8), law.T_max))
     for shape in shapes(away, effort):
-        K = propose_gain(away, shape, sigma, {})
+        K = propose_gain(away, shape, sigma, cuts)
         if K is None:
             continue
         rounded = ExactMatrix.from_floats(_cleared(K, open_loop) if from_zero else K, GAIN_DIGITS)
         closed = with_gain(open_loop, rounded)
         own = Shape(shape.d, shape.D, 0, shape.pieces) if from_zero else shape
-        certificate = propose(closed, own, sigma, {})
+        certificate = propose(closed, own, sigma, cuts)
         if certificate is not None and prove(closed, certificate).proved:
             import numpy as np
 
@@ -326,7 +332,8 @@ def largest_period(
         at: the inclusion with its sampling law at a given period (or largest period).
         start: where to look first; the search walks up or down from it, then bisects.
     """
-    return _largest(lambda T: analyse(at(T), effort, sigma), lambda T: analyse(at(T), 0, sigma), start, effort)
+    cuts: Cuts = {}
+    return _largest(lambda T: analyse(at(T), effort, sigma, cuts), lambda T: analyse(at(T), 0, sigma, cuts), start, effort)
 
 
 def largest_period_design(
@@ -338,7 +345,10 @@ def largest_period_design(
         at: the open loop with its sampling law at a given period (or largest period).
         start: where to look first.
     """
-    return _largest(lambda T: design_impulsive(at(T), effort, sigma), lambda T: design_impulsive(at(T), 0, sigma), start, effort)
+    cuts: Cuts = {}
+    return _largest(
+        lambda T: design_impulsive(at(T), effort, sigma, cuts), lambda T: design_impulsive(at(T), 0, sigma, cuts), start, effort
+    )
 
 
 def _largest(find: Callable[[Exact], M_ | None], cheap: Callable[[Exact], M_ | None], start: Exact, effort: int) -> tuple[Exact, M_] | None:
@@ -386,10 +396,10 @@ def shapes(inclusion: HybridInclusion, effort: int) -> Iterator[Shape]:
             yield Shape(d, D, before, pieces - before)
 
 
-def propose(inclusion: HybridInclusion, shape: Shape, sigma: Fraction, cuts: dict[Shape, Any]) -> Certificate | None:
+def propose(inclusion: HybridInclusion, shape: Shape, sigma: Fraction, cuts: Cuts) -> Certificate | None:
     """What the solver proposes for this gain and shape: not proved.
 
-    `cuts` keeps, by shape, the corners that bound before; pass the same dict through a period search.
+    `cuts` as in `analyse`.
     """
     from cdobs_cli.certify.clock_search import Search
 
@@ -405,7 +415,7 @@ def propose(inclusion: HybridInclusion, shape: Shape, sigma: Fraction, cuts: dic
     return Certificate(METHOD, inclusion.sampling, data)
 
 
-def propose_gain(open_loop: HybridInclusion, shape: Shape, sigma: Fraction, cuts: dict[Shape, Any]) -> NDArray[np.float64] | None:
+def propose_gain(open_loop: HybridInclusion, shape: Shape, sigma: Fraction, cuts: Cuts) -> NDArray[np.float64] | None:
     """The gain K = P(0)^-1 W that the solver proposes for this shape."""
     import numpy as np
 
@@ -424,7 +434,7 @@ def propose_gain(open_loop: HybridInclusion, shape: Shape, sigma: Fraction, cuts
 
 
 def _search(
-    search: Any, inclusion: HybridInclusion, shape: Shape, sigma: Fraction, cuts: dict[Shape, Any], C: Any
+    search: Any, inclusion: HybridInclusion, shape: Shape, sigma: Fraction, cuts: Cuts, C: Any
 ) -> tuple[Any, list[list[Fraction]]] | None:
     import numpy as np
 
@@ -441,9 +451,9 @@ def _search(
     if not all(np.all(np.isfinite(part)) for part in (unit.base, unit.jump, *unit.left, *unit.right)):
         return None
     problem = search(shape, float(law.T_min) / T, maps.base.shape[0], None if C is None else C @ change, from_zero)
-    problem.cuts = cuts.setdefault(shape, set())
+    problem.cuts = cuts.setdefault((shape, C is None), set())
     solution = problem.solve(unit, float(sigma) * T)
-    cuts[shape] = problem.cuts
+    cuts[shape, C is None] = problem.cuts
     if solution is None or not solution.margin > 0:
         return None
     return solution, S
