@@ -18,3 +18,8 @@ def test_without_measurements_the_error_grows():
     comparison = Comparison(runs=4, horizon="14")
     blind = comparison.constant("13.9", 1.0)
     assert blind.error > 10 * comparison.updated("0.9", "0.3").error
+
+
+def test_noise_reaches_the_estimate_in_proportion():
+    quiet, loud = (Comparison(runs=2, horizon="14", noise=noise).updated("0.9", "0.3").error for noise in ("0.003", "0.03"))
+    assert 3 * quiet < loud < 15 * quiet

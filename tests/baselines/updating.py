@@ -16,14 +16,16 @@ import numpy as np
 from cdobs_cli.baselines.constant_gain import constant_gain, placed_gain
 from cdobs_cli.baselines.kalman import extended_kalman_filter
 from cdobs_cli.design import Design
+from cdobs_cli.exact.expression import parse
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.updated_sampling import UpdatedSampling
 from cdobs_cli.families.updated_sampling.synthesis import rate_of
 from cdobs_cli.hybrid import HybridSystem, Observer
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.plant import Box, SamplingLaw
 from cdobs_cli.run import SimulationPlan
 from cdobs_cli.simulate.engine import simulate
 from cdobs_cli.spec.model import Spec, load
+from cdobs_cli.spec.simulation_block import NOISE_FUNCTIONS
 
 SPEC = Path(__file__).parents[2] / "specs" / "updated_sampling_unstable.yaml"
 METHODS = ("updated", "constant period", "Kalman filter", "updated, proved")
@@ -40,15 +42,19 @@ class Point:
 
 
 class Comparison:
-    """The spec's plant, input and noise, so many runs from one seed."""
+    """The spec's plant and input, uniform noise of this half width, so many runs from one seed."""
 
-    def __init__(self, runs: int, horizon: str, seed: int = 1) -> None:
+    def __init__(self, runs: int, horizon: str, seed: int = 1, noise: str = "0.01") -> None:
         self.spec: Spec = load(SPEC)
         assert self.spec.simulation is not None
-        self.plan: SimulationPlan = replace(self.spec.simulation, runs=runs, horizon=Exact(horizon), seed=seed)
+        self.noise = noise
+        drawn = parse(f"uniform(-{noise}, {noise})", frozenset(), {}, NOISE_FUNCTIONS)
+        signals = {**self.spec.simulation.signals, "v.0": drawn}
+        self.plan: SimulationPlan = replace(self.spec.simulation, runs=runs, horizon=Exact(horizon), seed=seed, signals=signals)
 
     def point(self, method: str, settings: str, observer: Observer, law: SamplingLaw) -> Point:
-        plant = replace(self.spec.plant, sampling=law)
+        width = Exact(self.noise)
+        plant = replace(self.spec.plant, sampling=law, noise=Box((-width,), (width,)))
         run = simulate(HybridSystem(plant, observer), self.plan, law)
         squares = []
         for trajectory in run.trajectories:
@@ -87,7 +93,7 @@ class Comparison:
 
     def kalman(self, period: str, q: str) -> Point:
         """R is the variance of the uniform noise, P(0) that of the initial box; q acts on the last state."""
-        variance = Exact(Fraction(1, 3) * Fraction("0.01") ** 2)
+        variance = Exact(Fraction(1, 3) * Fraction(self.noise) ** 2)
         one_third = (Exact("1/3"), Exact("1/3"))
         observer = extended_kalman_filter(self.spec.plant, (Exact(0), Exact(q)), variance, one_third)
         return self.point("Kalman filter", f"period {period}, q {q}", observer, SamplingLaw.periodic(Exact(period)))

@@ -1,7 +1,8 @@
 """Does updating pay? Measurements against error for updated sampling, the best constant period, and the Kalman filter.
 
 Run by hand: PYTHONPATH=.:tests/baselines python tests/benchmarks/bench_updated_pays.py [runs] [folder].
-Prints each method's front and, at equal error, the measurements each needs; writes updating_pays.svg, .png, .csv.
+Prints each method's front and, at equal error, the measurements each needs; then the error against the level of the
+noise, by alpha. Writes updating_pays.svg, .png, .csv.
 """
 
 import sys
@@ -16,6 +17,7 @@ ALPHAS = ("0.3", "0.6", "0.9", "1.2")
 A_2S = ("0.05", "0.1", "0.2", "0.3", "0.5", "1")
 PERIODS = ("0.05", "0.1", "0.15", "0.2", "0.25", "0.3", "0.4", "0.5", "0.6", "0.8", "1", "1.25")
 RADII = (0.3, 0.5, 0.7, 0.8, 0.9)
+NOISES = ("0.0001", "0.001", "0.01", "0.1")
 QS = ("1e-8", "1e-5", "1e-3", "0.1")
 
 
@@ -30,6 +32,10 @@ def main(runs, folder):
     for target in (point.error for point in fronts["updated"]):
         found = [fewest(points, method, target * (1 + 1e-9)) for method in METHODS]
         print(f"   {target:.5f} " + "".join(f"{point.measurements:18.1f}" if point else f"{'not reached':>18}" for point in found))
+    print("\nerror of updated sampling by half width of the noise, a2 = 0.3\n     alpha " + "".join(f"{noise:>12}" for noise in NOISES))
+    for alpha in ALPHAS:
+        errors = [Comparison(runs, "30", noise=noise).updated(alpha, "0.3").error for noise in NOISES]
+        print(f"  {alpha:>8} " + "".join(f"{error:12.5f}" for error in errors))
     roles = dict(zip(METHODS, ("estimate", "measured", "other", "proved"), strict=True))
     series = tuple(
         Series(method, [p.measurements for p in kept], [p.error for p in kept], "points" if len(kept) == 1 else "line", roles[method])
