@@ -122,13 +122,17 @@ def _hurwitz_claim(numbers: Numbers) -> Claim:
     closed = chain.A + numbers.K @ chain.C
     statement = "A + K C is Hurwitz, so that some P meets (9)"
     if _is_unstable(closed):
-        found = _unstable_eigenvector(closed)
-        witness = Witness("vector", "class", (), (found[1],), found[0]) if found else None
-        shown = f": an eigenvalue is {found[0]}" if found else ""
+        worst = _unstable_eigenvector(closed)
+        witness = Witness("vector", "class", (), (worst[1],), worst[0]) if worst else None
+        shown = f": an eigenvalue is {worst[0]}" if worst else ""
         text = f"{statement}{shown}."
         return Claim("hurwitz", "certificate", "refuted", text, "Andrieu2014, (9)", method="eigenvalues in balls", witness=witness)
-    status = _status(closed.is_rational and is_hurwitz(closed))
-    return Claim("hurwitz", "certificate", status, f"{statement}.", "Andrieu2014, (9)", method="Routh's array, exact")
+    if closed.is_rational:
+        status, method = _status(is_hurwitz(closed)), "Routh's array, exact"
+    else:
+        found = eigenvalues(closed)
+        status, method = _status(found is not None and all(value.real.upper() < 0 for value in found)), "eigenvalues in balls"
+    return Claim("hurwitz", "certificate", status, f"{statement}.", "Andrieu2014, (9)", method=method)
 
 
 def _is_unstable(closed: Matrix) -> bool:

@@ -167,6 +167,12 @@ def test_a_given_gain_that_meets_the_theorem():
     assert check.verdict == "proved"
 
 
+def test_irrational_numbers_of_a_given_gain():
+    _, check = designed(family(gain=given(["sqrt(2)-3", "-2"], "sqrt(2)/3", "0.3", "5")), sines(2))
+    assert check.verdict == "proved"
+    assert check.claim("hurwitz").status == "proved"
+
+
 def run(plant: Plant, design: Design, card: UpdatedSampling, horizon: str, start: tuple[str, ...], signals: dict[str, str]) -> Run:
     plan = SimulationPlan(
         Exact(horizon), tuple(Exact(value) for value in start), initial_estimate=tuple(Exact(0) for _ in start),
