@@ -12,6 +12,7 @@ from flint import arb
 from cdobs_cli.certificate import Bound, Certificate, Check, Claim
 from cdobs_cli.certify import clock, planar
 from cdobs_cli.certify.bracket import smallest_refuted
+from cdobs_cli.certify.every_gain import period_lost_by_every_gain
 from cdobs_cli.certify.falsify import refute
 from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ExpressionError
@@ -91,6 +92,7 @@ def certify(family: Reachability, plant: Plant, design: Design, effort: int) -> 
     witness = None if proofs else refute(_closed(plant, K, law), effort)
     claims.insert(0, _conclusion(law, proofs, witness))
     bounds |= _bounds(family, plant, K, judged, law, effort)
+    claims += _every_gain_claims(plant, K, judged, law, bounds, effort)
     return Check(tuple(claims), bounds)
 
 
@@ -253,7 +255,7 @@ def _bounds(family: Reachability, plant: Plant, K: ExactMatrix, judged: list[Jud
             bounds[f"period_max.{method}"] = Bound(None if best is None else _T(best), None, "s", method, about)
     best = _longest(own)
     failing = smallest_refuted(lambda T: _closed(plant, K, law.with_period(T)), None if best is None else best.T, effort)
-    refuted = None if failing is None else upper_text(failing[0].ball(), 12)
+    refuted = None if failing is None else str(failing[0])
     bounds["period_max"] = Bound(None if best is None else _T(best), refuted, "s", best.method if best else None, about)
     any_gain = _longest(proved)
     if any_gain is not None:
@@ -264,6 +266,26 @@ def _bounds(family: Reachability, plant: Plant, K: ExactMatrix, judged: list[Jud
         fastest = max(here, key=lambda item: float(item.rate.lower()))
         bounds["decay_rate"] = Bound(lower_text(fastest.rate, 9), None, "1/s", fastest.method, "this gain at its period")
     return bounds
+
+
+def _every_gain_claims(
+    plant: Plant, K: ExactMatrix, judged: list[Judged], law: SamplingLaw, bounds: dict[str, Bound], effort: int
+) -> list[Claim]:
+    """Where the exact planar bound is proved for some gain: every gain fails just above it. Completes the bracket."""
+    best = _longest([item for item in judged if item.proved and item.method == PLANAR])
+    bound = bounds.get("period_max_any_gain")
+    if best is None or bound is None:
+        return []
+    found = period_lost_by_every_gain(lambda T: _closed(plant, K, law.with_period(T)), best.T, effort)
+    if found is None or float(found[0]) <= float(bound.proved or 0):
+        return []
+    T, refutation = found
+    bounds["period_max_any_gain"] = replace(bound, refuted=str(T), about="some gain proved, every gain refuted")
+    statement = (
+        f"Every gain K fails at the constant period {T}: on each of {refutation.cells} cells of gains one of {refutation.words} words of "
+        f"up to {refutation.longest} periods with extremal slopes has a spectral radius of at least 1."
+    )
+    return [Claim("period_max_any_gain.refuted", "certificate", "proved", statement, SOURCES[PLANAR], method="cells of gains in balls")]
 
 
 def _longest(items: list[Judged]) -> Judged | None:
