@@ -24,6 +24,7 @@ from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify.ball import has_spectral_radius_below, null_space
 from cdobs_cli.certify.bernstein import derivative, elevation
 from cdobs_cli.certify.definite import Definiteness, has_positive_pivots
+from cdobs_cli.certify.linear import interval_of, is_linear, stable_intervals
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text
@@ -330,10 +331,24 @@ def largest_period(
 
     Args:
         at: the inclusion with its sampling law at a given period (or largest period).
-        start: where to look first; the search walks up or down from it, then bisects.
+        start: where to look first; the search walks up or down from it, then bisects. For a linear error system
+            sampled periodically: the end of the proved interval that holds `start`, or else of the first one.
     """
+    if is_linear(at(start)):
+        return _longest_linear(at, start, sigma)
     cuts: Cuts = {}
     return _largest(lambda T: analyse(at(T), effort, sigma, cuts), lambda T: analyse(at(T), 0, sigma, cuts), start, effort)
+
+
+def _longest_linear(at: Callable[[Exact], HybridInclusion], start: Exact, sigma: Fraction) -> tuple[Exact, Certificate] | None:
+    intervals = stable_intervals(at(start), float(start) / 1000, float(start) * 20)
+    chosen = interval_of(intervals, start) or (intervals[0] if intervals else None)
+    if chosen is None:
+        return None
+    if sigma == 0:
+        certificate = analyse(at(chosen.high), 0)
+        return None if certificate is None else (chosen.high, certificate)
+    return _largest(lambda T: analyse(at(T), 0, sigma), lambda T: analyse(at(T), 0, sigma), start, 3)
 
 
 def largest_period_design(

@@ -81,11 +81,14 @@ def refute(inclusion: HybridInclusion, effort: int) -> Witness | None:
     Tries constant slopes that leave an error unseen for ever; constant slopes at the corners of the box, at
     periods the law contains; and from effort 1 on V(t) that switch between corners, over words of several periods.
     """
-    for words in (_unseen_words, _constant_words, _switching_words):
-        for word in words(inclusion, effort):
-            multiplier = prove(inclusion, word)
-            if multiplier is not None:
-                return word.witness(inclusion, multiplier)
+    import numpy as np
+
+    with np.errstate(all="ignore"):
+        for words in (_unseen_words, _constant_words, _switching_words):
+            for word in words(inclusion, effort):
+                multiplier = prove(inclusion, word)
+                if multiplier is not None:
+                    return word.witness(inclusion, multiplier)
     return None
 
 
