@@ -14,6 +14,7 @@ from cdobs_cli.certify import clock, planar
 from cdobs_cli.certify.bracket import smallest_refuted
 from cdobs_cli.certify.every_gain import period_lost_by_every_gain
 from cdobs_cli.certify.falsify import refute
+from cdobs_cli.certify.linear import is_linear, stable_intervals
 from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.functions import fraction_ball
@@ -93,6 +94,7 @@ def certify(family: Reachability, plant: Plant, design: Design, effort: int) -> 
     claims.insert(0, _conclusion(law, proofs, witness))
     bounds |= _bounds(family, plant, K, judged, law, effort)
     claims += _every_gain_claims(plant, K, judged, law, bounds, effort)
+    claims += _interval_claims(_closed(plant, K, law))
     return Check(tuple(claims), bounds)
 
 
@@ -286,6 +288,17 @@ def _every_gain_claims(
         f"up to {refutation.longest} periods with extremal slopes has a spectral radius of at least 1."
     )
     return [Claim("period_max_any_gain.refuted", "certificate", "proved", statement, SOURCES[PLANAR], method="cells of gains in balls")]
+
+
+def _interval_claims(closed: HybridInclusion) -> list[Claim]:
+    """For a linear plant: the constant periods that this gain survives, lost and regained as they grow."""
+    T = float(closed.sampling.T_max)
+    intervals = stable_intervals(closed, T / 1000, 20 * T) if is_linear(closed) else []
+    if not intervals:
+        return []
+    listed = ", ".join(f"[{interval.low}, {interval.high}]" for interval in intervals[:12])
+    statement = f"The error converges at every constant period in {listed}."
+    return [Claim("period_max.intervals", "certificate", "proved", statement, SOURCES[CLOCK], method="spectral radius, balls of periods")]
 
 
 def _longest(items: list[Judged]) -> Judged | None:
