@@ -12,7 +12,7 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from cdobs_cli.certify.bernstein import derivative, elevation
-from cdobs_cli.certify.clock import Shape, jump_block, jump_gap, kept_states, lyapunov
+from cdobs_cli.certify.clock_form import Shape, jump_block, jump_gap, kept_states, lyapunov
 from cdobs_cli.hybrid import ErrorMaps
 
 if TYPE_CHECKING:

@@ -1,7 +1,9 @@
+import json
 import math
 import subprocess
 import sys
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -192,11 +194,16 @@ def test_period_search_for_a_given_gain():
 
 
 def test_a_proof_loads_no_solver():
+    certificate = clock.analyse(boukal(periodic("1.2")), 0)
     code = (
-        "import sys; from cdobs_cli.certify import clock, falsify, bracket;"
-        "sys.exit(any(name in sys.modules for name in ('clarabel', 'cvxpy', 'scipy')))"
+        "import json, sys; sys.path.insert(0, sys.argv[2]); import test_clock as t;"
+        "from cdobs_cli.certificate import Certificate;"
+        "c = Certificate.from_document(json.loads(sys.argv[1])); i = t.boukal(c.sampling);"
+        "ok = t.clock.prove(i, c).proved and t.refute(i, 1) is None;"
+        "sys.exit(not ok or any(name in sys.modules for name in ('clarabel', 'cvxpy', 'scipy')))"
     )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+    arguments = [json.dumps(certificate.document()), str(Path(__file__).parent)]
+    assert subprocess.run([sys.executable, "-c", code, *arguments], check=False).returncode == 0
 
 
 def test_impulsive_jumps_from_period_zero():

@@ -1,0 +1,99 @@
+"""The inequalities of the clock certificate, each one pure function, and the piecewise polynomial they are about."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any, TypeVar
+
+from cdobs_cli.certify.bernstein import derivative, elevation
+from cdobs_cli.exact.matrix import Matrix, block
+from cdobs_cli.hybrid import ErrorMaps
+
+M_ = TypeVar("M_")
+
+
+def lyapunov(P: Any, A: Any, sigma: Any) -> Any:
+    """P A + A' P + 2 sigma P."""
+    return P @ A + A.T @ P + P * (2 * sigma)
+
+
+def jump_gap(P_0: Any, P: Any, J: Any) -> Any:
+    """P - J' P(0) J."""
+    return P - J.T @ P_0 @ J
+
+
+def jump_block(P_0: Any, W: Any, C: Any, P: Any) -> Any:
+    """[[P(0), P(0) - W C], [., P]] with W = P(0) K: definite exactly where `jump_gap` is, for J = I - K C."""
+    B = P_0 - W @ C
+    return block([[P_0, B], [B.T, P]])
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Degree d of P, degree D of the inequalities, and pieces: so many on [0, T_min], so many on [T_min, T_max].
+
+    Coefficients are numbered through: piece j has those from j d to (j + 1) d, ends shared."""
+
+    d: int
+    D: int
+    before: int
+    after: int
+
+    @property
+    def pieces(self) -> int:
+        return self.before + self.after
+
+    @property
+    def count(self) -> int:
+        """Number of coefficient matrices."""
+        return self.pieces * self.d + 1
+
+    @property
+    def jump_from(self) -> int:
+        """Number of the first coefficient on which the jump is imposed."""
+        return self.d * self.before
+
+    def lengths(self, T_min: Any, T_max: Any) -> list[Any]:
+        """Length of each piece."""
+        first = [T_min / self.before] * self.before if self.before else []
+        return first + ([(T_max - T_min) / self.after] * self.after if self.after else [])
+
+
+def flow_coefficients(P: list[Any], shape: Shape, lengths: list[Any]) -> Iterator[tuple[Any, Any]]:
+    """(h Pdot, h P) of every Bernstein coefficient of the flow inequality, piece by piece, h the piece's length."""
+    G, E = derivative(shape.d, shape.D), elevation(shape.d, shape.D)
+    for j, h in enumerate(lengths):
+        local = P[j * shape.d : (j + 1) * shape.d + 1]
+        for g, e in zip(G, E, strict=True):
+            yield _combination(g, local), _combination(e, local) * h
+
+
+def _combination(weights: tuple[Fraction, ...], matrices: list[Any]) -> Any:
+    terms = [matrix * weight for weight, matrix in zip(weights, matrices, strict=True) if weight]
+    total = terms[0] if terms else matrices[0] * 0
+    for term in terms[1:]:
+        total = total + term
+    return total
+
+
+def kept_states(J: Matrix) -> list[int]:
+    """The states that J keeps, where J is a diagonal of zeros and ones; else none."""
+    rows = J.tolist()
+    if any(value != int(i == j and value == 1) for i, row in enumerate(rows) for j, value in enumerate(row)):
+        return []
+    return [i for i, row in enumerate(rows) if row[i] == 1]
+
+
+def in_basis(maps: ErrorMaps[M_], S: M_, inverse: M_) -> ErrorMaps[M_]:
+    """The maps of z, with e = S z."""
+    left: Any = inverse
+    return ErrorMaps(
+        left @ maps.base @ S,
+        tuple(left @ column for column in maps.left),
+        tuple(row @ S for row in maps.right),  # type: ignore[operator]
+        maps.lower,
+        maps.upper,
+        left @ maps.jump @ S,
+    )
