@@ -13,6 +13,25 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
+PENDULUM = """\
+spec_version: 1
+title: Pendulum
+plant:
+  states: [theta, omega]
+  A: [[0, 1], [0, 0]]
+  phi: ["0", "sin(theta)"]
+  lipschitz: [[0, 0], [1, 0]]
+measurement:
+  C: [[1, 0]]
+  sampling: {period: 0.6}
+observer:
+  family: reachability
+  method: set
+simulation:
+  horizon: 6
+  initial_state: [1, 0]
+  initial_estimate: [0, 0]
+"""
 Cdobs = Callable[..., "subprocess.CompletedProcess[str]"]
 
 

@@ -8,27 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from command import ROOT, Cdobs
-
-PENDULUM = """\
-spec_version: 1
-title: Pendulum
-plant:
-  states: [theta, omega]
-  A: [[0, 1], [0, 0]]
-  phi: ["0", "sin(theta)"]
-  lipschitz: [[0, 0], [1, 0]]
-measurement:
-  C: [[1, 0]]
-  sampling: {period: 0.6}
-observer:
-  family: reachability
-  method: set
-simulation:
-  horizon: 6
-  initial_state: [1, 0]
-  initial_estimate: [0, 0]
-"""
+from command import PENDULUM, ROOT, Cdobs
 
 
 @pytest.fixture

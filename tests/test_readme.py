@@ -14,8 +14,7 @@ from typing import Any
 import documents
 import pytest
 import yaml
-from command import ROOT
-from conftest import PENDULUM
+from command import PENDULUM, ROOT
 
 from cdobs_cli.batch import Job, Settings, run
 from cdobs_cli.cli import STAGES

@@ -14,8 +14,7 @@ from typing import Any
 
 import documents
 import pytest
-from command import Done, forked
-from conftest import PENDULUM
+from command import PENDULUM, Done, forked
 
 from cdobs_cli.batch import Job, Settings, run
 from cdobs_cli.cli import STAGES
