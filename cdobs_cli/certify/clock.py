@@ -50,20 +50,20 @@ def prove(inclusion: HybridInclusion, certificate: Certificate) -> Definiteness:
 
     The margin is not computed (a proof by pivots of every coefficient).
     """
-    if certificate.method == MONODROMY:
-        return _prove_monodromy(inclusion, certificate)
-    if certificate.method != METHOD:
+    provers = {MONODROMY: _prove_monodromy, METHOD: _prove_clock}
+    if certificate.method not in provers:
         return UNDECIDED
     try:
-        return _prove_clock(inclusion, certificate)
+        return provers[certificate.method](inclusion, certificate)
     except (KeyError, TypeError, ValueError, IndexError, ExpressionError, ZeroDivisionError):
         return UNDECIDED
 
 
 def rate(certificate: Certificate) -> Fraction:
-    """The decay rate sigma that the certificate claims."""
-    sigma = Exact(certificate.data["sigma"]).rational
-    assert sigma is not None
+    """The decay rate sigma >= 0 that the certificate claims. Raises: KeyError, ExpressionError, ValueError."""
+    sigma = _rational(certificate.data["sigma"])
+    if sigma < 0:
+        raise ValueError("a rate below 0 is no decay")
     return sigma
 
 
@@ -78,7 +78,7 @@ def _prove_clock(inclusion: HybridInclusion, certificate: Certificate) -> Defini
     maps = in_basis(inclusion.balls, S, S.inverse())
     P = [symmetric_from_upper(rows) for rows in data["P"]]
     N = maps.base.shape[0]
-    if not _well_posed(shape, law) or sigma < 0 or len(P) != shape.count or any(matrix.shape != (N, N) for matrix in P):
+    if not _well_posed(shape, law) or len(P) != shape.count or any(matrix.shape != (N, N) for matrix in P):
         return UNDECIDED
     kept = kept_states(maps.jump)
     if not _positive(P[0][kept, kept] if kept else P[0]):

@@ -81,7 +81,8 @@ def _combination(weights: tuple[Fraction, ...], matrices: list[Any]) -> Any:
 def kept_states(J: Matrix) -> list[int]:
     """The states that J keeps, where J is a diagonal of zeros and ones; else none."""
     rows = J.tolist()
-    if any(value != int(i == j and value == 1) for i, row in enumerate(rows) for j, value in enumerate(row)):
+    # `==` is certain for balls, `!=` is not its opposite.
+    if not all(value == int(i == j and value == 1) for i, row in enumerate(rows) for j, value in enumerate(row)):
         return []
     return [i for i, row in enumerate(rows) if row[i] == 1]
 

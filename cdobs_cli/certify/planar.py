@@ -30,6 +30,7 @@ from flint import arb, fmpq
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify.definite import Definiteness
 from cdobs_cli.certify.planar_floats import FloatSweep
+from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, fraction_text
 from cdobs_cli.hybrid import HybridInclusion
@@ -91,7 +92,8 @@ def _exact(value: Any) -> Any:
 def cleared_gain(inclusion: HybridInclusion) -> Any | None:
     """K_2 where the jump is exactly [[0, 0], [-K_2, 1]]; else None."""
     J = inclusion.balls.jump
-    if J.shape != (2, 2) or J[0, 0] != 0 or J[0, 1] != 0 or J[1, 1] != 1:
+    # `==` is certain for balls, `!=` is not its opposite.
+    if J.shape != (2, 2) or not (J[0, 0] == 0 and J[0, 1] == 0 and J[1, 1] == 1):
         return None
     return -J[1, 0]
 
@@ -296,7 +298,10 @@ def prove(inclusion: HybridInclusion, certificate: Certificate) -> Definiteness:
     if certificate.method != METHOD or planar is None or K_2 is None or delta is None or delta <= 0 or law.T_min != law.T_max:
         return UNDECIDED
     family, b = planar
-    sigma = Exact(certificate.data["sigma"]).rational
+    try:
+        sigma = Exact(certificate.data["sigma"]).rational
+    except (KeyError, TypeError, ExpressionError):
+        return UNDECIDED
     if sigma is None or sigma < 0:
         return UNDECIDED
     extremals = sweep(family, delta)

@@ -9,11 +9,12 @@ from flint import arb
 from cdobs_cli.certificate import Bound, Check, Claim, Status, Witness
 from cdobs_cli.design import Design
 from cdobs_cli.exact.functions import fraction_ball
-from cdobs_cli.exact.numbers import lower_text, upper_text
+from cdobs_cli.exact.numbers import Exact, lower_text, upper_text
 from cdobs_cli.families.interval.analysis import SOURCE, Analysis, at_most, matrices, periods_text
 from cdobs_cli.families.interval.boundedness import Lmi15, lmi_15_limit, prove_hurwitz, prove_lmi_15, refute_hurwitz
 from cdobs_cli.families.interval.feedback_claims import separation, theorem_2
 from cdobs_cli.families.interval.hull import prove_hull, refute_hull
+from cdobs_cli.families.interval.intersect import measured_rows
 from cdobs_cli.families.interval.theorems import theorem_1_positivity
 from cdobs_cli.families.interval.widths import final_widths
 from cdobs_cli.plant import Plant
@@ -52,9 +53,10 @@ def _consequence(a: Analysis, parts: dict[str, Status]) -> Claim:
     inside = "x stays between its bounds" if a.family.tighten == "hull" else "z = S x, and with it x, stays between its bounds"
     what = f"{inside} from every box at the start, and the bounds stay bounded, for every sampling with {periods_text(a.law)}"
     what += ", with the feedback in the loop" if a.has_feedback else " and every bounded x (Assumption 1)"
-    refuted = [name for name, status in parts.items() if status == "refuted"]
+    failed = {name: next(claim for claim in a.claims if claim.id == name) for name, status in parts.items() if status == "refuted"}
+    refuted = [name for name, claim in failed.items() if not _is_cut(a, claim.witness)]
     if refuted:
-        claim = next(claim for claim in a.claims if claim.id == refuted[0])
+        claim = failed[refuted[0]]
         return _convergence(
             a.design, "refuted", f"{what}: refuted, {a.reasons.get(refuted[0], claim.statement)}", refuted[0], claim.witness
         )
@@ -65,6 +67,20 @@ def _consequence(a: Analysis, parts: dict[str, Status]) -> Claim:
         return _convergence(a.design, "proved", what, ", ".join(parts))
     open_parts = ", ".join(name for name, status in parts.items() if status != "proved")
     return _convergence(a.design, "undecided", f"{what}: open, because {open_parts} is")
+
+
+def _is_cut(a: Analysis, witness: Witness | None) -> bool:
+    """Whether a counterexample is an error of z in rows that the intersection with y cuts at every sample: it
+    refutes the bounds without the intersection only."""
+    if a.family.tighten != "intersect" or witness is None:
+        return False
+    if "component" in witness.data:
+        rows = {int(witness.data["component"]) % a.plant.n}
+    elif "width" in witness.data:
+        rows = {i for i, text in enumerate(witness.data["width"]) if Exact(text).sign() != 0}
+    else:
+        return False
+    return bool(rows & measured_rows(a.plant.C.balls(), a.z.S).keys())
 
 
 def _positivity(a: Analysis) -> Status:

@@ -51,7 +51,9 @@ def synthesize(family: Interval, plant: Plant, effort: int) -> Design:
         if reason is not None:
             return Design("interval", "none", law, gain, reason=reason)
         if family.objective == "max_period":
-            law = _longest_law(plant, gain, law, family.tighten == "hull")
+            longest = _longest_law(plant, gain, law, family.tighten == "hull")
+            # The period in the spec is the least acceptable: a shorter one is no answer, whatever is proved there.
+            law = longest if float(longest.T_max) > float(law.T_max) else law
     else:
         outcome = "found"
         made = _designed(family, plant, effort)

@@ -175,8 +175,11 @@ def search(plant: Plant, law: SamplingLaw, effort: int) -> Certificate | None:
         return None
     matrix = matrix / columns
     sizes = np.abs(matrix).sum(axis=1) + np.abs(offsets)
-    matrix, offsets = matrix / sizes[:, None], offsets / sizes
-    found = linprog(offsets, A_eq=np.vstack([matrix.T, np.ones(len(b))]), b_eq=np.append(np.zeros(plant.n), 1.0), method="highs-ds")
+    # A condition that no gain moves and that holds with equality: nothing to weigh.
+    kept = sizes > 0
+    faces = [face for face, keep in zip(faces, kept, strict=True) if keep]
+    matrix, offsets = matrix[kept] / sizes[kept, None], offsets[kept] / sizes[kept]
+    found = linprog(offsets, A_eq=np.vstack([matrix.T, np.ones(len(faces))]), b_eq=np.append(np.zeros(plant.n), 1.0), method="highs-ds")
     if found.status != 0 or found.x is None or float(offsets @ found.x) > 1e-12:
         return None
     support = [faces[k].document() for k in np.flatnonzero(found.x > 1e-12)]

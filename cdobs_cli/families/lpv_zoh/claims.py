@@ -78,7 +78,7 @@ def certify(family: LpvZeroOrderHold, plant: Plant, design: Design, effort: int)
     law = design.sampling
     plant = at_period(plant, law.T_max)
     nobody = [c for c in design.certificates if c.method == any_gain.METHOD and _no_gain(plant, c)]
-    any_bound = _any_gain_bound(nobody)
+    any_bound = _any_gain_bound([c for c in nobody if contains(law.with_period(c.sampling.T_max), c.sampling)])
     if design.outcome == "none":
         defeated = next((c for c in nobody if contains(law, c.sampling)), None)
         status: Status = "refuted" if defeated is not None else "undecided"
@@ -156,8 +156,8 @@ def _bounds(plant: Plant, L: ExactMatrix, proofs: list[Proved], effort: int) -> 
         return max(group, key=lambda proof: float(proof.T), default=None)
 
     def usable(proof: Proved) -> bool:
-        """A proof for laws of the plant's kind at some period."""
-        return proof.certificate.method in ("wirtinger", "repaired") or proof.certificate.sampling.kind == plant.sampling.kind
+        """A proof for the plant's law at some period."""
+        return covers(proof.certificate, plant.sampling.with_period(proof.T))
 
     best = longest([proof for proof in proofs if usable(proof)])
     refuted = smallest_refuted(lambda T: inclusion(at_period(plant, T), {"L": L}), best.T if best else None, effort)
@@ -289,14 +289,17 @@ def _half_unit(number: Exact) -> arb:
 def _vertices_claim(plant: Plant, vertices: tuple[ExactMatrix, ...]) -> Claim:
     """Is each printed vertex A + V with V in the declared slope box?"""
     outside: list[dict[str, Any]] = []
+    inside = True
     for k, vertex in enumerate(vertices):
         for i in range(plant.n):
             for j in range(plant.n):
                 value = vertex[i, j] - plant.A[i, j]
-                if (value - plant.slopes.lower[i, j]).sign() == -1 or (plant.slopes.upper[i, j] - value).sign() == -1:
+                signs = (value - plant.slopes.lower[i, j]).sign(), (plant.slopes.upper[i, j] - value).sign()
+                inside = inside and None not in signs
+                if -1 in signs:
                     outside.append({"vertex": k + 1, "entry": [i + 1, j + 1], "slope": str(value)})
     return Claim(
-        "theorem_1.vertices", "printed", "refuted" if outside else "proved",
+        "theorem_1.vertices", "printed", "refuted" if outside else "proved" if inside else "undecided",
         "The printed vertices are A + V with V in the declared slopes", "Boukal2020, (25), (43)", method="theorem_1",
         witness=Witness("vector", "class", data={"outside": outside}) if outside else None,
     )  # fmt: skip

@@ -247,7 +247,7 @@ def _status(proved: bool) -> Any:
 
 def _bounds(family: Reachability, plant: Plant, K: ExactMatrix, judged: list[Judged], law: SamplingLaw, effort: int) -> dict[str, Bound]:
     bounds = {}
-    proved = [item for item in judged if item.proved]
+    proved = [item for item in judged if item.proved and item.certificate.sampling == law.with_period(item.T)]
     own = [item for item in proved if item.own]
     about = "this gain" + ("" if law.kind == "periodic" else f", periods from {law.T_min}")
     for method in (METHOD, CLOCK, PLANAR):

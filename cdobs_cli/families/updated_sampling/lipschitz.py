@@ -231,7 +231,8 @@ def rate_claim(plant: Plant, rate: Rate, variant: str) -> Claim:
             total = total + one * one
         sides = [total - c * c, -c]
     else:
-        sides = [side for one in secants for side in (one - c, -one - c)]
+        # With no secant at all c must still not be negative: L would fall.
+        sides = [side for one in secants for side in (one - c, -one - c)] or [-c]
     for side in sides:
         if not _is_nonpositive(simplify(side), region):
             return Claim("c", "premise", "undecided", f"{statement}: open where {simplify(side)} <= 0 is needed", SOURCE)

@@ -53,6 +53,12 @@ class Numbers:
         return Numbers(gain["K"].balls(), *(_value(gain[name][0, 0]) for name in ("alpha", "a1", "a2", "a3")))
 
     @property
+    def are_signed(self) -> bool:
+        """alpha, a_1, a_2 > 0, a_3 >= 0 and a_1 alpha < 1: what (6)-(7) take for granted."""
+        positive = all(arb(value) > 0 for value in (self.alpha, self.a_1, self.a_2))
+        return bool(positive and arb(self.a_3) >= 0 and arb(self.a_1 * self.alpha) < 1)
+
+    @property
     def timing(self) -> Timing:
         return Timing(*(arb(value) for value in (self.alpha, self.a_1, self.a_2, self.a_3)))
 
@@ -91,7 +97,7 @@ def prove_prime(numbers: Numbers, certificate: Certificate, variant: str) -> Pri
     chain = Chain.exact(n)
     dilation = p_3 > 0 and has_positive_pivots(condition_9_lower(chain, P, p_3).balls())
     epsilon = None
-    if arb(numbers.a_1 * numbers.alpha) < 1 and arb(numbers.a_1) > 0:
+    if numbers.are_signed:
         for trial in _EPSILONS:
             gap = theorem_2_prime_i(chain, P, numbers.K, numbers.alpha, numbers.a_1, fmpq(trial.numerator, trial.denominator))
             if has_positive_pivots(gap.balls()):
@@ -135,7 +141,7 @@ def prove_theorem_2(numbers: Numbers, certificate: Certificate, weight: int) -> 
     p_1, p_2, p_3, p_4 = (_value(Exact(certificate.data[f"p_{k}"])) for k in range(1, 5))
     positive = all(arb(value) > 0 for value in (p_1, p_2, p_3, p_4))
     a_1_limit = theorem_2_a_1(p_2, p_4)
-    small = arb(numbers.a_1 * numbers.alpha) < 1 and arb(numbers.a_1) > 0
+    small = numbers.are_signed
     J = chain.identity + (numbers.K @ chain.C) * numbers.alpha
     norm_Q, norm_J = spectral_norm(one_step_map(chain, numbers.K, numbers.alpha)), spectral_norm(J)
     shrink = 1 - arb(numbers.a_1 * numbers.alpha)
@@ -150,7 +156,7 @@ def prove_theorem_2(numbers: Numbers, certificate: Certificate, weight: int) -> 
         condition_9=_definite(condition_9(chain, P, P @ numbers.K)),
         dilation=positive and _definite(condition_9_lower(chain, P, p_3)) and _definite(condition_9_upper(chain, P, p_4)),
         a_1=bool(arb(numbers.a_1) <= arb(a_1_limit)),
-        lemma_4=bool(small) and _definite(lemma_4(chain, P, numbers.K, numbers.alpha, numbers.a_1, p_2)),
+        lemma_4=small and _definite(lemma_4(chain, P, numbers.K, numbers.alpha, numbers.a_1, p_2)),
         a_2=bool(arb(numbers.a_2) >= limit),
         a_3=bool(arb(numbers.a_3) >= 2 * weight),
         a_1_limit=arb(a_1_limit),

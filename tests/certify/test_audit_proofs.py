@@ -1,0 +1,50 @@
+"""What must not pass for a proof: rates below 0, balls that only seem to be 0, data that says nothing."""
+
+import pytest
+from example_inclusions import aperiodic, canonical, impulsive, periodic, plant
+
+from cdobs_cli.certificate import Certificate
+from cdobs_cli.certify import clock, planar
+from cdobs_cli.exact.matrix import Matrix
+from cdobs_cli.exact.numbers import Exact
+
+ZERO = [[0, 0], [0, 0]]
+
+
+@pytest.mark.parametrize("data", [{"sigma": "-5"}, {}, {"sigma": "x"}, {"sigma": "pi"}])
+def test_a_spectral_radius_proves_no_growth_rate(data):
+    """edot = e, e+ = 0.9 e grows: a rate of -5 would be met, and is no decay."""
+    growing = impulsive(plant([[1]], [[0]], [[0]], [[1]], periodic(1)), [["0.1"]])
+    certificate = Certificate(clock.MONODROMY, growing.sampling, data)
+    assert not clock.prove(growing, certificate).proved
+
+
+@pytest.mark.parametrize("data", [{}, {"sigma": "-5"}, {"sigma": None}])
+def test_planar_certificates_without_a_rate_prove_nothing(data):
+    closed = impulsive(canonical(["1", "0"], periodic("0.5")), [["1"], ["0.7"]])
+    assert planar.prove(closed, Certificate(planar.METHOD, closed.sampling, {"sigma": "0"})).proved
+    assert not planar.prove(closed, Certificate(planar.METHOD, closed.sampling, data)).proved
+
+
+def test_what_balls_cannot_tell_from_zero_is_not_zero():
+    small = (Exact("pi") - Exact("pi+1e-60")).ball()
+    assert small.contains(0) and not small.is_zero()
+    assert clock.kept_states(Matrix.from_rows([[1, 0], [0, 0]])) == [0]
+    assert clock.kept_states(Matrix.from_rows([[1, small], [0, 0]])) == []
+    assert clock.kept_states(Matrix.from_rows([[1, 0], [0, small]])) == []
+    exactly = impulsive(canonical(["1", "0"], periodic("0.5")), [["1"], ["0.7"]])
+    assert planar.cleared_gain(exactly) is not None
+    nearly = impulsive(canonical(["1", "0"], periodic("0.5")), [["1 + (pi+1e-60) - pi"], ["0.7"]])
+    assert nearly.balls.jump[0, 0].contains(0)
+    assert planar.cleared_gain(nearly) is None
+
+
+def test_pathological_sampling_is_never_proved_and_is_refuted():
+    """xddot = -pi^2 x sampled at its half periods: the output repeats up to sign, whatever the gain."""
+    for T in ("1", "2"):
+        oscillator = plant([[0, "pi"], ["-pi", 0]], ZERO, ZERO, [[1, 0]], periodic(T))
+        for K in (["1", "0"], ["0.5", "0.3"], ["1", "1"]):
+            closed = impulsive(oscillator, [[K[0]], [K[1]]])
+            assert clock.analyse(closed, 0) is None
+    law = aperiodic("0.5", "1")
+    assert clock.analyse(impulsive(plant([[0, "pi"], ["-pi", 0]], ZERO, ZERO, [[0, 0]], law), [["0"], ["0"]]), 0) is None
