@@ -22,7 +22,10 @@ NONE = ExactMatrix([[0, 0], [0, 0]])
 OSCILLATOR = ExactMatrix([[0, "pi"], ["-pi", 0]])
 
 
-def linear(A, law, slopes=Slopes(NONE, NONE)):
+CONSTANT = Slopes(NONE, NONE)
+
+
+def linear(A, law, slopes=CONSTANT):
     return Plant(("a", "b"), (), A, (ZERO, ZERO), None, ExactMatrix([[1, 0]]), slopes, law)
 
 

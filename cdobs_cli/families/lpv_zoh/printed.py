@@ -69,7 +69,7 @@ class Printed:
     def mu(self, tau_max: Any, delta: Any) -> Range:
         """The largest mu with (26) at every vertex, enclosed (negative where (26) fails for every mu > 0)."""
         ranges = [eigenvalue_range(-self.lmi_26(tau_max, delta, 0, A_i), smallest=True) for A_i in self.vertices]
-        return Range(min((r.low for r in ranges), key=_key), min((r.high for r in ranges), key=_key))
+        return Range(_least([arb(r.low) for r in ranges]), _least([arb(r.high) for r in ranges]))
 
     def lambda_min(self) -> Range:
         return eigenvalue_range(self.P, smallest=True)
@@ -78,8 +78,12 @@ class Printed:
         return eigenvalue_range(self.P, smallest=False)
 
 
-def _key(value: Any) -> float:
-    return float(arb(value).mid())
+def _least(values: list[arb]) -> arb:
+    """An enclosure of the least value."""
+    least = values[0]
+    for value in values[1:]:
+        least = least.min(value)
+    return least
 
 
 def eigenvalue_range(M: Matrix, *, smallest: bool) -> Range:
