@@ -151,6 +151,10 @@ class _Cells:
         self.words.append(top)
         return -X, X, low, high
 
+    def _fills(self, arcs: Arcs) -> bool:
+        """Whether the arcs are one period: rounded switching times may fall outside of it."""
+        return all(length >= 0 for length, _ in arcs) and sum((length for length, _ in arcs), Fraction(0)) == self.delta
+
     def _extremals(self) -> Iterator[Arcs]:
         """The two extremal maps for K_1 = 1, and the constant corners."""
         lo, hi = self.family.lo, self.family.hi
@@ -158,7 +162,9 @@ class _Cells:
         for s in (first, second):
             point = min(Fraction(decimal_text(s, 12)), self.delta)
             arcs = switching(self.family, 1, point, self.delta)
-            yield tuple((length, ((lo[0], hi[0])[ends[0]], (lo[1], hi[1])[ends[1]])) for length, ends in arcs)
+            made = tuple((length, ((lo[0], hi[0])[ends[0]], (lo[1], hi[1])[ends[1]])) for length, ends in arcs)
+            if self._fills(made):
+                yield made
         for v_1 in (lo[0], hi[0]):
             for v_2 in (lo[1], hi[1]):
                 yield ((self.delta, (v_1, v_2)),)
@@ -255,7 +261,10 @@ class _Cells:
             for proposal in propose_for(maps, [(period,) * count], 1, exponentials)[:2]:
                 if proposal.radius < 1:
                     continue
-                word = self._word(tuple(self._arcs(proposal, w) for w in range(count)))
+                periods = tuple(self._arcs(proposal, w) for w in range(count))
+                if not all(self._fills(arcs) for arcs in periods):
+                    continue
+                word = self._word(periods)
                 if _reach(word.floats[None], np.array([float(x)]), np.array([float(K_2)]))[0, 0] > 0:
                     self.words.append(word)
                     learned = True

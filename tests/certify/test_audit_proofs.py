@@ -1,10 +1,12 @@
 """What must not pass for a proof: rates below 0, balls that only seem to be 0, data that says nothing."""
 
+from fractions import Fraction
+
 import pytest
 from example_inclusions import aperiodic, canonical, impulsive, periodic, plant
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify import clock, planar
+from cdobs_cli.certify import clock, every_gain, planar
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact
 
@@ -48,3 +50,14 @@ def test_pathological_sampling_is_never_proved_and_is_refuted():
             assert clock.analyse(closed, 0) is None
     law = aperiodic("0.5", "1")
     assert clock.analyse(impulsive(plant([[0, "pi"], ["-pi", 0]], ZERO, ZERO, [[0, 0]], law), [["0"], ["0"]]), 0) is None
+
+
+def test_words_that_do_not_fill_the_period_refute_no_gain(monkeypatch):
+    """Switching times are rounded: a V(t) that lasts longer than the period, or runs backwards, is none of the class."""
+    family, _ = planar.planar_class(impulsive(canonical(["1", "0"], periodic("1.7131")), [["0"], ["0"]]))
+    delta, ends = Fraction("1.7131"), (1, 1)
+    cells = every_gain._Cells(family, delta, 0)
+    assert len(list(cells._extremals())) == 6
+    for arcs in ([(delta + Fraction(1, 10**12), ends)], [(delta + 1, ends), (Fraction(-1), ends)]):
+        monkeypatch.setattr(every_gain, "switching", lambda *_, arcs=arcs: arcs)
+        assert len(list(cells._extremals())) == 4
