@@ -63,9 +63,9 @@ def each_isolated(
                 yield number, result
     finally:
         for worker in pool:
+            # An idle one would not see a closed pipe: what is forked later holds this end too.
             worker.pipe.close()
-            if worker.number is not None:
-                worker.process.terminate()
+            worker.process.terminate()
         for worker in pool:
             _end(worker.process)
 

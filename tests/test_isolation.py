@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 from cdobs_cli.batch import Job
-from cdobs_cli.isolation import each_isolated
+from cdobs_cli.isolation import GRACE, each_isolated
 from cdobs_cli.outcome import Result
 
 
@@ -35,3 +35,10 @@ def test_crashes_and_limits_touch_one_spec_only() -> None:
     assert "SIGSEGV" in results[1].messages[0].text
     assert "exit code 7" in results[3].messages[0].text
     assert "undecided" in results[4].messages[0].text
+
+
+def test_idle_workers_end_at_once() -> None:
+    jobs = [Job(Path(name), Path("out") / name) for name in "abc"]
+    start = time.monotonic()
+    assert len(dict(each_isolated(jobs, call, workers=2, time_limit=None, started=lambda number: None))) == 3
+    assert time.monotonic() - start < GRACE
