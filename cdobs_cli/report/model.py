@@ -39,7 +39,7 @@ BOUND_TITLES = {
 }
 # The bracket of the headline: the first of these that is known.
 HEADLINE_BOUNDS = ("period_max", "guaranteed_period", "positivity_period_max", "tau_max", "period_max_any_gain")
-_PACKAGES = ("numpy", "scipy", "python-flint", "clarabel", "cvxpy", "sympy", "pydantic", "matplotlib")
+_PACKAGES = ("numpy", "scipy", "python-flint", "clarabel", "pydantic", "matplotlib")
 
 
 # ---------------------------------------------------------------- numbers for people

@@ -41,3 +41,25 @@ def test_infeasible_is_not_solved() -> None:
     program.require(lambda x: -x["x"] - 1)
     program.maximise(lambda x: x["x"])
     assert not program.solve().solved
+
+
+def test_a_modelling_layer_agrees() -> None:
+    """The same inequality, a pure function, read by evaluation and by cvxpy."""
+    import cvxpy
+
+    A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [-1.0, -3.0, -2.0]])
+
+    def lyapunov(P, t):
+        return -(A.T @ P + P @ A) - t * np.eye(3)
+
+    program = Program({"P": symmetric(3), "t": full(1, 1)})
+    program.require(lambda x: lyapunov(x["P"], x["t"]))
+    program.require(lambda x: x["P"] - x["t"] * np.eye(3))
+    program.equate(lambda x: np.trace(x["P"]) - 1)
+    program.maximise(lambda x: x["t"])
+    P, t = cvxpy.Variable((3, 3), symmetric=True), cvxpy.Variable()
+    constraints = [lyapunov(P, t) >> 0, P - t * np.eye(3) >> 0, cvxpy.trace(P) == 1]
+    problem = cvxpy.Problem(cvxpy.Maximize(t), constraints)
+    problem.solve(solver=cvxpy.SCS, eps=1e-8)
+    assert program.solve().objective == pytest.approx(problem.value, abs=1e-5)
+    assert problem.value > 0.01
