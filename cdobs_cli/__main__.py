@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import warnings
 
 # Threads make small matrices slower; set before numpy is loaded, unless the user has decided.
 for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
@@ -11,6 +12,8 @@ for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", 
 # Start fast: no search for pydantic plugins, and few collections while modules load.
 os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 gc.set_threshold(50_000, 20, 20)
+# Floats only propose; where they overflow, the proof says undecided and nobody is helped by a warning.
+warnings.simplefilter("ignore", RuntimeWarning)
 
 
 def main() -> None:

@@ -201,12 +201,12 @@ class _Synthesis:
         if self.by_set and not self.by_clock and not box_holds(self.plant, T.ball()):
             return f"the set is known up to delta_star only, and delta = {T} is beyond it; method clock has no such limit"
         asked = {
-            "best": "neither the set nor the clock-dependent certificate",
-            "set": "the set",
-            "clock": "the clock-dependent certificate",
+            "best": "neither the set nor the clock-dependent certificate gave a gain",
+            "set": "the set gave no gain",
+            "clock": "the clock-dependent certificate gave no gain",
         }
-        more = "a longer effort, a shorter period or smaller slopes may"
-        return f"{asked[self.family.method]} gave no gain with a proof at T = {T}; {more} give one"
+        more = "more effort, a shorter period or smaller slopes may"
+        return f"{asked[self.family.method]} with a proof at T = {T}; {more} help"
 
 
 def _exact(found: tuple[ExactMatrix, Certificate] | None, merit: float) -> Candidate | None:
