@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from cdobs_cli.errors import UsageError
-from cdobs_cli.exact.expression import nearest
+from cdobs_cli.exact.parser import nearest
 from cdobs_cli.store import write_atomically
 
 

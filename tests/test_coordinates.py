@@ -6,8 +6,8 @@ import pytest
 from cdobs_cli.certify.slopes import resolve, slope_claims
 from cdobs_cli.coordinates import derive
 from cdobs_cli.errors import SpecError
-from cdobs_cli.exact.expression import parse
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.exact.parser import parse
 from cdobs_cli.exact.rational import is_zero
 from cdobs_cli.exact.solve import solve
 from cdobs_cli.plant import Box, CoordinateMap, Domain, Input, Interval, SamplingLaw, Slopes, TypedDynamics

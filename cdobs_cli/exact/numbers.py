@@ -11,9 +11,10 @@ from fractions import Fraction
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from cdobs_cli.exact.expression import Expression, ExpressionError, Number, parse
+from cdobs_cli.exact.expression import Expression, ExpressionError, Number
 from cdobs_cli.exact.expression import fraction_text as fraction_text
 from cdobs_cli.exact.expression import plain_decimal as plain_decimal
+from cdobs_cli.exact.parser import parse
 
 if TYPE_CHECKING:
     import numpy as np

@@ -19,18 +19,9 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BeforeValidator, GetCoreSchemaHandler, PlainSerializer, PlainValidator, ValidationInfo, WithJsonSchema
 from pydantic_core import PydanticCustomError, core_schema
 
-from cdobs_cli.exact.expression import (
-    CONSTANTS,
-    TYPED_FUNCTIONS,
-    Call,
-    Expression,
-    ExpressionError,
-    Number,
-    Power,
-    Variable,
-    parse,
-)
+from cdobs_cli.exact.expression import Call, Expression, ExpressionError, Number, Power, Variable
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.exact.parser import CONSTANTS, TYPED_FUNCTIONS, parse
 
 MAX_ROWS = 256
 MAX_TREE = 20_000

@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, TypeVar
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
 
 from cdobs_cli.errors import Problem
-from cdobs_cli.exact.expression import CONSTANTS, TYPED_FUNCTIONS, nearest
+from cdobs_cli.exact.parser import CONSTANTS, TYPED_FUNCTIONS, nearest
 from cdobs_cli.families.fields import wrong
 from cdobs_cli.spec.reader import DecimalText, Document, FieldPath, shown
 

@@ -14,8 +14,9 @@ from pydantic import BaseModel, Field
 from pydantic_core import PydanticCustomError
 
 from cdobs_cli.errors import Problem, SpecError
-from cdobs_cli.exact.expression import Expression, Number, nearest
+from cdobs_cli.exact.expression import Expression, Number
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.exact.parser import nearest
 from cdobs_cli.families import FAMILIES, Family
 from cdobs_cli.families.fields import read_exact
 from cdobs_cli.plant import Plant, TypedDynamics, coordinate_names

@@ -8,8 +8,9 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Discriminator, Tag, WithJsonSchema
 
 from cdobs_cli.errors import Problem
-from cdobs_cli.exact.expression import Expression, nearest
+from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.numbers import ExactMatrix
+from cdobs_cli.exact.parser import nearest
 from cdobs_cli.families.fields import (
     Rows,
     formula,

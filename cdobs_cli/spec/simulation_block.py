@@ -8,8 +8,9 @@ from typing import Annotated, ClassVar
 from pydantic import ConfigDict, Field
 
 from cdobs_cli.errors import Problem
-from cdobs_cli.exact.expression import TYPED_FUNCTIONS, Call, Expression, Number, Variable, nearest
+from cdobs_cli.exact.expression import Call, Expression, Number, Variable
 from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.exact.parser import TYPED_FUNCTIONS, nearest
 from cdobs_cli.families.fields import PositiveNumber, Vector, formula, sized
 from cdobs_cli.plant import SamplingLaw
 from cdobs_cli.run import SimulationPlan

@@ -9,8 +9,8 @@ from scipy.linalg import expm
 from cdobs_cli.baselines.constant_gain import constant_gain, placed_gain
 from cdobs_cli.baselines.kalman import extended_kalman_filter
 from cdobs_cli.exact.compiled import compile_floats
-from cdobs_cli.exact.expression import parse
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.exact.parser import parse
 from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.plant import Plant, SamplingLaw, Slopes
 from cdobs_cli.run import SimulationPlan

@@ -16,8 +16,8 @@ import numpy as np
 from cdobs_cli.baselines.constant_gain import constant_gain, placed_gain
 from cdobs_cli.baselines.kalman import extended_kalman_filter
 from cdobs_cli.design import Design
-from cdobs_cli.exact.expression import parse
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.exact.parser import parse
 from cdobs_cli.families.updated_sampling import UpdatedSampling
 from cdobs_cli.families.updated_sampling.synthesis import rate_of
 from cdobs_cli.hybrid import HybridSystem, Observer

@@ -13,8 +13,8 @@ import sys
 import time
 from fractions import Fraction
 
-from cdobs_cli.exact.expression import parse
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.exact.parser import parse
 from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold, wirtinger
 from cdobs_cli.plant import Plant, SamplingLaw, Slopes
 

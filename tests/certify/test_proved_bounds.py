@@ -9,9 +9,10 @@ from cdobs_cli.certify.bounded import bounded
 from cdobs_cli.certify.region import Region
 from cdobs_cli.certify.slopes import automatic
 from cdobs_cli.exact.compiled import compile_floats
-from cdobs_cli.exact.expression import Number, Variable, call, parse, power
+from cdobs_cli.exact.expression import Number, Variable, call, power
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.exact.parser import parse
 from cdobs_cli.plant import Interval
 
 NAMES = ("x", "y", "u")

@@ -5,8 +5,8 @@ from fractions import Fraction
 import pytest
 
 from cdobs_cli.certify.slopes import resolve, slope_claims
-from cdobs_cli.exact.expression import parse
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.exact.parser import parse
 from cdobs_cli.plant import Domain, Input, Interval, Plant, SamplingLaw, Slopes
 
 

@@ -13,7 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cdobs_cli.exact.compiled import compile_floats
-from cdobs_cli.exact.expression import Expression, ExpressionError, Number, parse
+from cdobs_cli.exact.expression import Expression, ExpressionError, Number
+from cdobs_cli.exact.parser import parse
 
 NAMES = frozenset({"x", "y"})
 

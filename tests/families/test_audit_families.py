@@ -8,8 +8,9 @@ from command import Cdobs
 
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.design import Design
-from cdobs_cli.exact.expression import ZERO, parse
+from cdobs_cli.exact.expression import ZERO
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.exact.parser import parse
 from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold, any_gain
 from cdobs_cli.families.lpv_zoh.claims import _vertices_claim
 from cdobs_cli.families.reachability import Reachability

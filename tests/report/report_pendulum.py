@@ -10,8 +10,9 @@ import numpy as np
 from cdobs_cli.certificate import Bound, Certificate, Check, Claim, Witness
 from cdobs_cli.chart import Chart, Exhibits, Panel, Series, Table
 from cdobs_cli.design import Design, SolverRecord
-from cdobs_cli.exact.expression import Expression, Variable, parse
+from cdobs_cli.exact.expression import Expression, Variable
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.exact.parser import parse
 from cdobs_cli.families.base import Family
 from cdobs_cli.hybrid import Observer
 from cdobs_cli.plant import Box, Domain, Input, Interval, Plant, SamplingLaw, Slopes

@@ -4,8 +4,9 @@ from xml.etree import ElementTree
 
 import pytest
 
-from cdobs_cli.exact.expression import Variable, parse
+from cdobs_cli.exact.expression import Variable
 from cdobs_cli.exact.numbers import ExactMatrix
+from cdobs_cli.exact.parser import parse
 from cdobs_cli.report.equations import Equation, formula, latex, latex_block, mathml, mathml_block, matrix, name_formula
 from cdobs_cli.report.systems import dotted
 

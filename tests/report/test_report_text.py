@@ -8,8 +8,9 @@ from report_pendulum import Copying, make_check, make_design, make_plant, make_r
 
 from cdobs_cli.chart import Chart
 from cdobs_cli.design import Design
-from cdobs_cli.exact.expression import Expression, parse
+from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.exact.parser import parse
 from cdobs_cli.plant import Input, SamplingLaw, TypedDynamics
 from cdobs_cli.report.model import Report, build_report
 from cdobs_cli.report.summary import summary_lines

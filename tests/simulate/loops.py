@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from cdobs_cli.exact.expression import Expression, Variable, parse
+from cdobs_cli.exact.expression import Expression, Variable
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.exact.parser import parse
 from cdobs_cli.hybrid import HybridSystem, Observer
 from cdobs_cli.plant import Box, Input, Plant, SamplingLaw, Slopes
 from cdobs_cli.run import SimulationPlan

@@ -6,8 +6,8 @@ from scipy.linalg import expm
 
 from cdobs_cli.certificate import Witness
 from cdobs_cli.errors import UsageError
-from cdobs_cli.exact.expression import parse
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.exact.parser import parse
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
 from cdobs_cli.plant import Plant, SamplingLaw, Slopes
 from cdobs_cli.simulate.witness import replay

@@ -13,8 +13,9 @@ import pytest
 from spec_pendulum import PENDULUM, changed
 
 from cdobs_cli.errors import SpecError
-from cdobs_cli.exact.expression import Call, Number, Variable, parse
+from cdobs_cli.exact.expression import Call, Number, Variable
 from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.exact.parser import parse
 from cdobs_cli.plant import Interval, SamplingLaw
 from cdobs_cli.spec.model import load
 

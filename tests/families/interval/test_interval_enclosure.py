@@ -7,8 +7,8 @@ import pytest
 from interval_plants import PENDULUM_L, PENDULUM_S, box, pendulum, plant, scalar, up_to
 
 from cdobs_cli.certify.falsify import exponentials
-from cdobs_cli.exact.expression import parse
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.exact.parser import parse
 from cdobs_cli.families.interval import Feedback, Gain, Interval
 from cdobs_cli.families.interval.theorems import error_flow, error_held
 from cdobs_cli.hybrid import HybridSystem

@@ -7,8 +7,8 @@ from interval_plants import PENDULUM_L, PENDULUM_S, box, pendulum, plant, scalar
 
 from cdobs_cli.certificate import Check
 from cdobs_cli.design import Design
-from cdobs_cli.exact.expression import parse
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.exact.parser import parse
 from cdobs_cli.families.interval import Feedback, Gain, Interval
 from cdobs_cli.plant import SamplingLaw
 from cdobs_cli.run import SimulationPlan

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from cdobs_cli.exact.expression import parse
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.exact.parser import parse
 from cdobs_cli.plant import Plant, SamplingLaw, Slopes
 
 PRINTED_L = ExactMatrix([["8.7188"], ["7.0571"]])

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from reachability_plants import symmetric_chain
 
-from cdobs_cli.exact.expression import parse
 from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.exact.parser import parse
 from cdobs_cli.families.reachability import Reachability
 from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.run import SimulationPlan

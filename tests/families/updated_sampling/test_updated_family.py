@@ -12,8 +12,8 @@ from updated_plants import burst, chain, last_row, sines
 
 from cdobs_cli.certificate import Check
 from cdobs_cli.design import Design
-from cdobs_cli.exact.expression import parse
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.exact.parser import parse
 from cdobs_cli.families.updated_sampling import UpdatedSampling
 from cdobs_cli.families.updated_sampling.lipschitz import constant_rate, derive_rate, magnitudes, rate_claim, typed_rate
 from cdobs_cli.families.updated_sampling.separated import modulus_bound, separated
