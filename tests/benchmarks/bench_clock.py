@@ -1,8 +1,8 @@
 """The ladder and the growth of the clock certificate, and cones assembled directly against cvxpy.
 
-    python tests/benchmarks/bench_clock.py growth [--largest 8]
+    python tests/benchmarks/bench_clock.py growth [--largest 8] [--folder DIR]
     python tests/benchmarks/bench_clock.py direct
-    python tests/benchmarks/bench_clock.py ladder
+    python tests/benchmarks/bench_clock.py [ladder]
 
 growth: for canonical plants of n states, c = (1, 0, ..) and (1, .., 1): the period proved, solve and proof seconds,
 flow inequalities and cuts imposed, peak memory; a process for each plant. direct: a bisection of 40 steps at n = 3
@@ -56,11 +56,38 @@ def one(n: int, ones: bool, effort: int) -> None:
     )  # fmt: skip
 
 
-def growth(largest: int, effort: int) -> None:
+def growth(largest: int, effort: int, folder: Path) -> None:
+    found = []
     for ones in (False, True):
         for n in range(2, largest + 1):
             command = [sys.executable, __file__, "one", "--states", str(n), "--effort", str(effort)] + (["--ones"] if ones else [])
-            print(subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip(), flush=True)
+            line = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+            print(line, flush=True)
+            found.append(json.loads(line))
+    draw_growth(found, folder)
+
+
+def draw_growth(found: list[dict], folder: Path) -> None:
+    """Seconds, inequalities and memory against n: clock_growth.svg, .png, .csv."""
+    from cdobs_cli.chart import Chart, Panel, Series
+    from cdobs_cli.report.figures import draw
+
+    quantities = {"search_s": "search (s)", "proof_s": "proof (s)", "flow_inequalities": "flow inequalities", "peak_MB": "memory (MB)"}
+    labels = {"first": "c = (1, 0, ..)", "ones": "c = (1, .., 1)"}
+    panels = tuple(
+        Panel(
+            "states n", text, y_scale="log",
+            series=tuple(
+                Series(label, [row["n"] for row in found if row["c"] == c], [max(row[name], 0.01) for row in found if row["c"] == c])
+                for c, label in labels.items()
+            ),
+        )
+        for name, text in quantities.items()
+    )  # fmt: skip
+    folder.mkdir(parents=True, exist_ok=True)
+    drawing = draw(Chart("clock_growth", "Growth with the number of states", "The largest period found, at one effort.", panels))
+    for ending in ("svg", "png", "csv"):
+        (folder / f"clock_growth.{ending}").write_bytes(getattr(drawing, ending))
 
 
 def direct(steps: int = 40) -> None:
@@ -132,15 +159,16 @@ def ladder() -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["growth", "direct", "ladder", "one"])
+    parser.add_argument("what", choices=["growth", "direct", "ladder", "one"], nargs="?", default="ladder")
     parser.add_argument("--largest", type=int, default=8)
     parser.add_argument("--effort", type=int, default=1)
     parser.add_argument("--states", type=int, default=3)
     parser.add_argument("--ones", action="store_true")
+    parser.add_argument("--folder", type=Path, default=Path("results/benchmarks"))
     options = parser.parse_args()
     match options.what:
         case "growth":
-            growth(options.largest, options.effort)
+            growth(options.largest, options.effort, options.folder)
         case "direct":
             direct()
         case "ladder":

@@ -1,12 +1,14 @@
 """Does updating pay? Measurements against error for updated sampling, the best constant period, and the Kalman filter.
 
-Run by hand: PYTHONPATH=.:tests/baselines python tests/benchmarks/bench_updated_pays.py [runs] [folder].
+Run by hand: python tests/benchmarks/bench_updated_pays.py [runs] [folder].
 Prints each method's front and, at equal error, the measurements each needs; then the error against the level of the
 noise, by alpha. Writes updating_pays.svg, .png, .csv.
 """
 
 import sys
 from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "baselines"))
 
 from updating import METHODS, Comparison, fewest, front
 
@@ -44,9 +46,10 @@ def main(runs, folder):
     )
     panel = Panel("measurements a run", "error, root mean square", series, "log", "log")
     drawing = draw(Chart("updating_pays", "Measurements against error", "Fronts over the settings of each method.", (panel,)))
+    folder.mkdir(parents=True, exist_ok=True)
     for ending in ("svg", "png", "csv"):
         (folder / f"updating_pays.{ending}").write_bytes(getattr(drawing, ending))
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 24, Path(sys.argv[2]) if len(sys.argv) > 2 else Path())
+    main(int(sys.argv[1]) if len(sys.argv) > 1 else 24, Path(sys.argv[2]) if len(sys.argv) > 2 else Path("results/benchmarks"))
