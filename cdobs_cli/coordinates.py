@@ -67,11 +67,6 @@ class Coordinates:
         """The typed domain and the input ranges."""
         return _typed_region(self.typed)
 
-    def to_original(self, expressions: Sequence[Expression]) -> tuple[Expression, ...]:
-        """n expressions for z (an estimate, say) as n expressions for x."""
-        env = dict(zip(self.names, expressions, strict=True))
-        return tuple(one.substitute(env) for one in self.inverse)
-
     def original_values(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
         """x along trajectories of z, shape (.., n); nan where the inverse has no value."""
         return _values(self.inverse, self.names, z)

@@ -73,9 +73,17 @@ def _of_simulation(spec: Spec, simulation: dict[str, Any] | None, named: set[str
     told = {
         "diverged": (overall["diverged"], f"the error diverges: {stopped or 'it exceeds 1e6 (1 + |e(0)|)'}"),
         "left_domain": (overall["left_domain"], "a state or its estimate leaves the domain where the slopes are claimed"),
-        "inclusion_margin": (margin is not None and margin < 0, f"the state leaves its bounds by {-(margin or 0):.3g}"),
+        "inclusion_margin": (margin is not None and margin < 0, f"the state leaves its bounds by {_size(margin)}"),
         "stopped": (stopped is not None and not overall["diverged"], f"the run stops early: {stopped}"),
     }
     for quantity, (found, text) in told.items():
         if found and not any(name.startswith("simulation.") and name.endswith(f".{quantity}") for name in named):
             yield _message(spec, text, ("simulation",), f"simulation.{quantity}")
+
+
+def _size(margin: float | None) -> str:
+    if margin is None or margin >= 0:
+        return "nothing"
+    from cdobs_cli.report.model import number_text
+
+    return number_text(-margin, 3)

@@ -5,7 +5,6 @@ Nothing here trusts a float: floats choose where to look, balls decide.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from fractions import Fraction
 from typing import Any
 
@@ -151,35 +150,6 @@ def null_space(M: Matrix) -> Matrix | None:
         return None
     columns = [[-reduced[pivots.index(j), f] if j in pivots else int(j == f) for f in free] for j in range(n)]
     return Matrix.from_rows(columns)
-
-
-def root_between(function: Callable[[arb], arb], low: Fraction, high: Fraction, width: Fraction) -> tuple[Fraction, Fraction] | None:
-    """Ends (a, b), b - a <= width, with certainly different signs of a continuous function at a and b.
-
-    Bisects on proved signs; None where the signs at `low` and `high` are not proved to differ, or where
-    balls cannot tell a sign before the width is reached.
-    """
-
-    def sign(point: Fraction) -> int:
-        value = function(ball(point))
-        return 1 if value > 0 else -1 if value < 0 else 0
-
-    at_low, at_high = sign(low), sign(high)
-    if at_low * at_high >= 0:
-        return None
-    while high - low > width:
-        middle = (low + high) / 2
-        at_middle = sign(middle)
-        if at_middle == 0:  # on the root to working precision: step aside
-            middle = low + (high - low) * Fraction(3, 8)
-            at_middle = sign(middle)
-            if at_middle == 0:
-                return None
-        if at_middle == at_low:
-            low = middle
-        else:
-            high = middle
-    return low, high
 
 
 def ball(value: Fraction) -> arb:

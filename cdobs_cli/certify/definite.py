@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from flint import arb
-
 from cdobs_cli.certificate import Status
 from cdobs_cli.exact.matrix import Matrix
 
@@ -62,8 +60,3 @@ def positive_definite(M: Matrix) -> Definiteness:
             if has_positive_pivots(M - Matrix.identity(M.shape[0]) * margin):
                 return Definiteness("proved", margin)
     return Definiteness("proved", Fraction(0)) if has_positive_pivots(M) else Definiteness("undecided", None)
-
-
-def certainly_below(x: Any, y: Any) -> bool:
-    """x < y for balls or rationals; False where it is open."""
-    return bool(arb(x) < arb(y))

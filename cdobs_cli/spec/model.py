@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
@@ -317,8 +316,3 @@ def _outputs(plant: PlantBlock | None, measurement: MeasurementBlock | None) -> 
     if plant is not None and plant.output is not None:
         return len(plant.output)
     return None if measurement is None or measurement.C is None else measurement.C.shape[0]
-
-
-def is_plant_file(path: Path) -> bool:
-    """Whether a name is that of a plant's file, which is not a spec of its own."""
-    return re.search(r"\.plant\.ya?ml\Z", path.name) is not None

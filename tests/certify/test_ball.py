@@ -6,7 +6,6 @@ import pytest
 from cdobs_cli.certify.ball import (
     has_spectral_radius_at_least,
     has_spectral_radius_below,
-    root_between,
     spectral_radius_lower,
     spectral_radius_upper,
 )
@@ -44,11 +43,3 @@ def test_unbounded_entries_prove_nothing():
     M = Matrix.from_rows([[1, 0], [0, 1]]).balls() / Matrix.from_rows([[0]]).balls()[0, 0]
     assert not has_spectral_radius_at_least(M)
     assert not has_spectral_radius_below(M)
-
-
-def test_root_between_encloses_pi_over_two():
-    low, high = root_between(lambda s: s.cos(), Fraction(1), Fraction(2), Fraction(1, 10**20))
-    assert high - low <= Fraction(1, 10**20)
-    assert low < Fraction(157079632679489661923, 10**20) + Fraction(1, 10**19)
-    assert high > Fraction(157079632679489661923, 10**20)
-    assert root_between(lambda s: s.cos(), Fraction(0), Fraction(1), Fraction(1, 100)) is None

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from cdobs_cli.certify.lmi import Program, full, symmetric
+from cdobs_cli.exact.matrix import block
 
 
 def lyapunov_margin(A: np.ndarray) -> float:
@@ -63,3 +64,23 @@ def test_a_modelling_layer_agrees() -> None:
     problem.solve(solver=cvxpy.SCS, eps=1e-8)
     assert program.solve().objective == pytest.approx(problem.value, abs=1e-5)
     assert problem.value > 0.01
+
+
+def test_block_serves_every_arithmetic() -> None:
+    """The least s with [[s I, X], [X', s I]] >= 0 is the largest singular value, by both ways."""
+    import cvxpy
+
+    X = np.array([[1.0, 2.0], [0.5, -1.0]])
+
+    def schur(s):
+        return block([[s * np.eye(2), X], [X.T, s * np.eye(2)]])
+
+    program = Program({"s": full(1, 1)})
+    program.require(lambda x: schur(x["s"]))
+    program.maximise(lambda x: -x["s"])
+    s = cvxpy.Variable((1, 1))
+    problem = cvxpy.Problem(cvxpy.Minimize(cvxpy.trace(s)), [schur(s) >> 0])
+    problem.solve(solver=cvxpy.SCS, eps=1e-8)
+    largest = np.linalg.svd(X)[1][0]
+    assert -program.solve().objective == pytest.approx(largest, abs=1e-6)
+    assert problem.value == pytest.approx(largest, abs=1e-5)
