@@ -121,7 +121,9 @@ def _run(job: Job, stages: tuple[str, ...], settings: Settings) -> Result:
     from cdobs_cli.findings import find
     from cdobs_cli.store import Store
 
-    work = pipeline.Work(spec, Store(job.folder), settings.effort, frozenset(stages) if settings.force else frozenset())
+    store = Store(job.folder)
+    store.open()
+    work = pipeline.Work(spec, store, settings.effort, frozenset(stages) if settings.force else frozenset())
     verbs: dict[str, Callable[[pipeline.Work], object]] = {
         "synthesize": pipeline.synthesize, "check": pipeline.check, "simulate": pipeline.simulate, "report": pipeline.report,
         "replay": partial(pipeline.replay, identifier=settings.witness or ""),
@@ -216,8 +218,9 @@ def _each(
 
 def _write_index(results: list[Result], out: Path) -> None:
     from cdobs_cli.report.index import IndexEntry, index_page
-    from cdobs_cli.store import write_atomically
+    from cdobs_cli.store import sweep, write_atomically
 
+    sweep(out)
     rows = []
     for result in results:
         message = readable("; ".join(str(message) for message in result.messages))

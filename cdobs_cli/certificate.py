@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from cdobs_cli.codec import KEY, OPTIONAL, read_fields
+from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.plant import SamplingLaw
 
 Status = Literal["proved", "refuted", "undecided"]
@@ -23,12 +25,12 @@ class Witness:
     """
 
     kind: Literal["constant", "switching", "vector", "point"]
-    about: About
+    about: About = field(metadata={KEY: "class"})
     times: tuple[str, ...] = ()
     values: tuple[tuple[str, ...], ...] = ()
     multiplier: str | None = None
     entries: tuple[tuple[int, int], ...] = ()
-    data: dict[str, Any] = field(default_factory=dict)
+    data: dict[str, Any] = field(default_factory=dict, metadata={OPTIONAL: True})
 
     def document(self) -> dict[str, Any]:
         return {
@@ -39,11 +41,8 @@ class Witness:
 
     @staticmethod
     def from_document(document: dict[str, Any]) -> Witness:
-        return Witness(
-            document["kind"], document["class"], tuple(document["times"]),
-            tuple(tuple(row) for row in document["values"]), document["multiplier"],
-            tuple((int(i), int(j)) for i, j in document["entries"]), document.get("data", {}),
-        )  # fmt: skip
+        """Raises: KeyError, TypeError, ValueError on anything `document` did not write."""
+        return read_fields(Witness, document)
 
 
 @dataclass(frozen=True)
@@ -73,15 +72,6 @@ class Claim:
             "by": self.by, "witness": self.witness.document() if self.witness else None,
         }  # fmt: skip
 
-    @staticmethod
-    def from_document(document: dict[str, Any]) -> Claim:
-        witness = document["witness"]
-        return Claim(
-            document["id"], document["kind"], document["status"], document["statement"], document["source"],
-            document["required"], document["margin"], document["method"], document["by"],
-            Witness.from_document(witness) if witness else None,
-        )  # fmt: skip
-
 
 @dataclass(frozen=True)
 class Bound:
@@ -95,10 +85,6 @@ class Bound:
 
     def document(self) -> dict[str, Any]:
         return {"proved": self.proved, "refuted": self.refuted, "unit": self.unit, "method": self.method, "about": self.about}
-
-    @staticmethod
-    def from_document(document: dict[str, Any]) -> Bound:
-        return Bound(document["proved"], document["refuted"], document["unit"], document["method"], document["about"])
 
 
 @dataclass(frozen=True)
@@ -115,7 +101,8 @@ class Certificate:
 
     @staticmethod
     def from_document(document: dict[str, Any]) -> Certificate:
-        return Certificate(document["method"], SamplingLaw.from_document(document["sampling"]), document["data"])
+        """Raises: KeyError, TypeError, ValueError on anything `document` did not write."""
+        return read_fields(Certificate, document)
 
 
 @dataclass(frozen=True)
@@ -145,8 +132,14 @@ class Check:
 
     @staticmethod
     def from_document(document: dict[str, Any]) -> Check:
-        return Check(
-            tuple(Claim.from_document(claim) for claim in document["claims"]),
-            {name: Bound.from_document(bound) for name, bound in document["bounds"].items()},
-            document["digests"],
-        )
+        """Raises: KeyError, TypeError, ValueError on anything `document` did not write."""
+        stored = dict(document)
+        verdict = stored.pop("verdict")
+        check = read_fields(Check, {key: value for key, value in stored.items() if key != "schema_version"})
+        if verdict != check.verdict:
+            raise ValueError("a verdict that does not follow from the claims")
+        for bound in check.bounds.values():
+            for end in (bound.proved, bound.refuted):
+                if end is not None and end.removeprefix("-") != "inf":
+                    Exact(end)
+        return check

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from cdobs_cli.certificate import Certificate
+from cdobs_cli.codec import read_fields
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.plant import SamplingLaw
 
@@ -21,13 +22,9 @@ class SolverRecord:
     version: str
     status: str
     iterations: int
-    seconds: float
 
     def document(self) -> dict[str, Any]:
-        return {
-            "name": self.name, "version": self.version, "status": self.status,
-            "iterations": self.iterations, "seconds": self.seconds,
-        }  # fmt: skip
+        return {"name": self.name, "version": self.version, "status": self.status, "iterations": self.iterations}
 
 
 @dataclass(frozen=True)
@@ -63,12 +60,4 @@ class Design:
     @staticmethod
     def from_document(document: dict[str, Any]) -> Design:
         """Raises: KeyError, TypeError, ValueError on anything `document` did not write."""
-        solver = document["solver"]
-        return Design(
-            document["family"], document["outcome"], SamplingLaw.from_document(document["sampling"]),
-            {name: ExactMatrix(rows) for name, rows in document["gain"].items()},
-            tuple(Certificate.from_document(certificate) for certificate in document["certificates"]),
-            SolverRecord(**solver) if solver else None, document["reason"],
-            {name: (ends[0], ends[1]) for name, ends in document["slopes"].items()}, document["details"],
-            document["digests"],
-        )  # fmt: skip
+        return read_fields(Design, {key: value for key, value in document.items() if key != "schema_version"})

@@ -6,24 +6,27 @@ A key says what a stage has read; a stage whose key stands in the stored artefac
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import hashlib
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from cdobs_cli import __version__
 from cdobs_cli.certificate import Check, Claim
 from cdobs_cli.design import Design
-from cdobs_cli.errors import ArtefactError, UsageError
+from cdobs_cli.errors import ArtefactError, CdobsError, UsageError
 from cdobs_cli.outcome import readable
 from cdobs_cli.plant import Plant
-from cdobs_cli.store import Store, digest
+from cdobs_cli.store import CONTENT, Store, digest
 
 if TYPE_CHECKING:
     from cdobs_cli.report.model import Report
     from cdobs_cli.run import Run
     from cdobs_cli.spec.model import Spec
 
+T = TypeVar("T")
+ARCHIVE = "archive"  # the entry of `digests` for the trajectories beside a summary
 STAGES = ("synthesize", "check", "simulate", "report")
 
 
@@ -68,22 +71,40 @@ def synthesize(work: Work) -> Design:
             work.design = stored
     if work.design is None:
         design = replace(_new_design(work), digests={"key": work.design_key})
-        work.store.write("design.json", design.document())
+        work.design = replace(design, digests=work.store.write("design.json", design.document())["digests"])
         work.redone.add("synthesize")
-        work.design = design
     return work.design
 
 
 def _is_current(work: Work, stored: Design) -> bool:
-    """Whether a stored design was made of this spec, and is for the sampling law that the spec asks for (under
-    max_period: that law at the same period or a longer one)."""
-    if stored.family != work.spec.observer.name or stored.digests.get("key") != work.design_key:
+    """Whether a stored design was made of this spec, holds what the spec gives, and is for the sampling law that
+    the spec asks for (under max_period: that law at the same period or a longer one)."""
+    if stored.family != work.spec.observer.name or not _comes_from(stored.digests, {"key": work.design_key}):
+        return False
+    if not _holds_what_is_given(work, stored):
         return False
     asked, law = work.spec.plant.sampling, stored.sampling
     if law == asked:
         return True
     longer = (law.T_max - asked.T_max).sign() == 1 and law == asked.with_period(law.T_max)
     return longer and getattr(work.spec.observer, "objective", None) == "max_period"
+
+
+def _comes_from(digests: Mapping[str, str], expected: Mapping[str, str]) -> bool:
+    """Whether an artefact names what it was made of: all that is expected and, besides its own content, no more."""
+    return {**digests, CONTENT: ""} == {**expected, CONTENT: ""}
+
+
+def _holds_what_is_given(work: Work, stored: Design) -> bool:
+    """Whether the gains, the feedback and the options that the spec types are those of the design, and the slopes
+    those that it leaves to be found."""
+    given, auto = work.spec.observer.given(), work.spec.plant.slopes.auto
+    if stored.outcome == "none":
+        return all(letter in given and given[letter] in (None, matrix) for letter, matrix in stored.gain.items())
+    typed = getattr(work.spec.observer, "gain", None) is not None
+    if (stored.outcome == "given") != typed or stored.slopes.keys() != {f"{i + 1}.{j + 1}" for i, j in auto}:
+        return False
+    return given.keys() == stored.gain.keys() and all(given[letter] in (None, matrix) for letter, matrix in stored.gain.items())
 
 
 def _new_design(work: Work) -> Design:
@@ -104,14 +125,35 @@ def check(work: Work) -> Check:
     """Re-prove the stored design (or synthesize first), prove the slopes, search counterexamples."""
     if work.check is None:
         design = synthesize(work)
-        digests = {"key": work.design_key, "design": digest(design.document())}
         stored = None if "check" in work.forced else work.store.check()
-        if stored is None or stored.digests != digests:
-            stored = replace(_certify(work, design), digests=digests)
-            work.store.write("check.json", stored.document())
+        if stored is None or not _comes_from(stored.digests, _check_digests(work, design)):
+            made, design = _of_design(work, design, _certify)
+            made = replace(made, digests=_check_digests(work, design))
+            stored = replace(made, digests=work.store.write("check.json", made.document())["digests"])
             work.redone.add("check")
         work.check = stored
     return work.check
+
+
+def _check_digests(work: Work, design: Design) -> dict[str, str]:
+    return {"key": work.design_key, "design": design.digests[CONTENT]}
+
+
+def _of_design(work: Work, design: Design, make: Callable[[Work, Design], T]) -> tuple[T, Design]:
+    """What is made of a design, and that design: a stored one of which it cannot be made counts as absent."""
+    try:
+        return make(work, design), design
+    except CdobsError:
+        raise
+    except Exception:
+        if "synthesize" in work.redone:
+            raise
+    work.design, work.forced = None, work.forced | {"synthesize"}
+    design = synthesize(work)
+    if work.check is not None:
+        work.check = None
+        check(work)
+    return make(work, design), design
 
 
 def _certify(work: Work, design: Design) -> Check:
@@ -132,27 +174,56 @@ def _certify(work: Work, design: Design) -> Check:
 def simulate(work: Work) -> dict[str, Any] | None:
     """Plant and observer together; None where the spec asks for no simulation or there is no design.
 
-    Returns the summary as in simulation.json; the trajectories are read back only where they are needed.
+    Returns the summary as in simulation.json.
     """
     design = synthesize(work)
     if work.simulation is None and work.spec.simulation is not None and design.outcome != "none":
         if "simulate" not in work.forced:
-            work.simulation = _current_simulation(work, design)
+            try:
+                work.simulation = _stored_simulation(work, design)
+            except ArtefactError:  # edited or damaged: made anew
+                work.simulation = None
         if work.simulation is None:
-            work.run = replace(_new_run(work, design), digests=_simulation_digests(work, design))
-            work.simulation = work.run.document()
-            _write_run(work, design, work.run)
+            run, design = _of_design(work, design, _new_run)
+            work.run, work.simulation = run, _write_run(work, design, run)
     return work.simulation
 
 
 def _simulation_digests(work: Work, design: Design) -> dict[str, str]:
-    return {"key": work.key("plant", "measurement", "observer", "simulation"), "design": digest(design.document())}
+    return {"key": work.key("plant", "measurement", "observer", "simulation"), "design": design.digests[CONTENT]}
 
 
-def _current_simulation(work: Work, design: Design) -> dict[str, Any] | None:
+def _stored_simulation(work: Work, design: Design) -> dict[str, Any] | None:
+    """The stored summary; None where there is none of this spec and design. Its trajectories are kept for the report.
+
+    Raises:
+        ArtefactError: summary or trajectories are not what was written, or do not belong together.
+    """
     document = work.store.read("simulation.json")
-    current = document is not None and document.get("digests") == _simulation_digests(work, design)
-    return document if current and (work.store.folder / "simulation.npz").is_file() else None
+    if document is None:
+        if work.store.has("simulation.json"):
+            raise _damaged(work, "simulation.json")
+        return None
+    digests = dict(document["digests"])
+    named = digests.pop(ARCHIVE, None)
+    if not _comes_from(digests, _simulation_digests(work, design)):
+        return None
+    archive = work.store.read_bytes("simulation.npz")
+    if archive is None or hashlib.sha256(archive).hexdigest() != named:
+        raise _damaged(work, "simulation.npz")
+    from cdobs_cli.simulate.agreement import agrees
+    from cdobs_cli.simulate.archive import from_bytes
+
+    run, plant = from_bytes(archive, document), work.plant(design)
+    if not agrees(run, plant, work.spec.observer.observer(plant, design)):
+        raise _damaged(work, "simulation.json")
+    work.run = run
+    return document
+
+
+def _damaged(work: Work, name: str) -> ArtefactError:
+    told = "was edited or damaged: it is not what was written there" if work.store.has(name) else "is missing"
+    return ArtefactError(f"{work.store.folder / name} {told}; `cdobs run` makes it anew")
 
 
 def _new_run(work: Work, design: Design) -> Run:
@@ -165,16 +236,23 @@ def _new_run(work: Work, design: Design) -> Run:
     return engine(system, work.spec.simulation, design.sampling)
 
 
-def _write_run(work: Work, design: Design, run: Run) -> None:
+def _write_run(work: Work, design: Design, run: Run) -> dict[str, Any]:
     from cdobs_cli.report.files import figures_of_run
     from cdobs_cli.simulate.archive import to_bytes
 
-    # The archive first: simulation.json, which names its digests, is what makes a run count as there.
-    work.store.write_files({"simulation.npz": to_bytes(run)})
-    spec = work.spec
-    work.store.write_files(figures_of_run(work.plant(design), spec.observer, design, work.store.check(), run, spec.coordinates))
-    work.store.write("simulation.json", run.document())
+    # The archive first: simulation.json, which names its digest, is what makes a run count as there.
+    archive, spec = to_bytes(run), work.spec
+    work.store.write_files({"simulation.npz": archive})
+    work.store.write_files(figures_of_run(work.plant(design), spec.observer, design, _stored_check(work, design), run, spec.coordinates))
+    run = replace(run, digests={**_simulation_digests(work, design), ARCHIVE: hashlib.sha256(archive).hexdigest()})
     work.redone.add("simulate")
+    return work.store.write("simulation.json", run.document())
+
+
+def _stored_check(work: Work, design: Design) -> Check | None:
+    """The check made or stored, where it is of this design."""
+    made = work.check or work.store.check()
+    return made if made is not None and _comes_from(made.digests, _check_digests(work, design)) else None
 
 
 def replay(work: Work, identifier: str) -> dict[str, Any]:
@@ -196,9 +274,11 @@ def replay(work: Work, identifier: str) -> dict[str, Any]:
     made_run = run_witness(work.spec.observer.inclusion(work.plant(design), design.gain), claim.witness)
     name = f"{witness_name(claim)}_run"
     chart = replay_chart(name, identifier, made_run.arrays(), made_run.entries)
-    work.store.write_files({f"{name}.npz": made_run.to_bytes(), **replay_figures(chart)})
-    work.simulation = {"schema_version": 1, "claim": identifier, **made_run.document(), "digests": dict(made.digests)}
-    work.store.write(f"{name}.json", work.simulation)
+    archive = made_run.to_bytes()
+    work.store.write_files({f"{name}.npz": archive, **replay_figures(chart)})
+    digests = {**_check_digests(work, design), "check": made.digests[CONTENT], ARCHIVE: hashlib.sha256(archive).hexdigest()}
+    document = {"schema_version": 1, "claim": identifier, **made_run.document(), "digests": digests}
+    work.simulation = work.store.write(f"{name}.json", document)
     return work.simulation
 
 
@@ -206,18 +286,26 @@ def report(work: Work) -> list[Path]:
     """report.md, report.html and all figures, from artefacts that form one chain.
 
     Raises:
-        ArtefactError: there is no current design or check; a stored run of another design is left out.
+        ArtefactError: there is no current design or check, or an artefact was edited or damaged; a stored run of
+            another design is left out.
     """
     design = work.design or work.store.design()
-    if design is None or design.digests.get("key") != work.design_key:
-        raise ArtefactError(f"{work.store.folder}: no current design.json for this spec; run `cdobs check` first")
-    made = work.check or work.store.check()
-    if made is None or made.digests != {"key": work.design_key, "design": digest(design.document())}:
-        raise ArtefactError(f"{work.store.folder}: no current check.json for this design; run `cdobs check` first")
+    if design is None or not (design is work.design or _is_current(work, design)):
+        raise _unusable(work, "design.json", "for this spec", is_whole=design is not None)
+    made = _stored_check(work, design)
+    if made is None:
+        raise _unusable(work, "check.json", "for this design", is_whole=work.store.check() is not None)
     work.design, work.check = design, made
     if work.simulation is None and work.spec.simulation is not None and design.outcome != "none":
-        work.simulation = _current_simulation(work, design)
-    return _render(work, design, made)
+        work.simulation = _stored_simulation(work, design)
+    return _render(work)
+
+
+def _unusable(work: Work, name: str, what_for: str, *, is_whole: bool) -> ArtefactError:
+    """Why a stored artefact is not shown: none is there, it is of something else, or it is not what was written."""
+    if work.store.has(name) and not is_whole:
+        return _damaged(work, name)
+    return ArtefactError(f"{work.store.folder}: no current {name} {what_for}; run `cdobs check` first")
 
 
 def report_model(work: Work, digests: Mapping[str, str]) -> Report:
@@ -234,24 +322,23 @@ def report_model(work: Work, digests: Mapping[str, str]) -> Report:
     )  # fmt: skip
 
 
-def _render(work: Work, design: Design, made: Check) -> list[Path]:
-    digests = {"design": digest(design.document()), "check": digest(made.document()), "simulation": digest(work.simulation)}
+def _render(work: Work) -> list[Path]:
+    digests = {name: document["digests"][CONTENT] for name, document in documents(work).items() if document is not None}
     # What the page shows and is not in an artefact.
-    content = digest(
-        {**digests, "spec": work.spec.normalised(), "title": work.spec.title, "path": str(work.spec.source_path), "cdobs": __version__}
-    )
-    marker = work.store.folder / ".report.sha256"
-    page = work.store.folder / "report.html"
-    if "report" not in work.forced and page.is_file() and marker.is_file() and marker.read_text().strip() == content:
-        return []
-    if work.run is None and work.simulation is not None:
-        from cdobs_cli.simulate.archive import from_file
+    shown = {**digests, "spec": work.spec.normalised(), "title": work.spec.title, "path": str(work.spec.source_path), "cdobs": __version__}
+    marker, pages = ".report.sha256", ("report.md", "report.html")
 
-        work.run = from_file(work.store.folder / "simulation.npz", work.simulation)
+    def content() -> bytes:
+        found = {name: hashlib.sha256(work.store.read_bytes(name) or b"").hexdigest() for name in pages}
+        return f"{digest({**shown, 'pages': found})}\n".encode()
+
+    are_there = all((work.store.folder / name).is_file() for name in (marker, *pages))
+    if "report" not in work.forced and are_there and work.store.read_bytes(marker) == content():
+        return []
     from cdobs_cli.report.files import render
 
     paths = work.store.write_files(render(report_model(work, digests)))
-    work.store.write_files({marker.name: (content + "\n").encode()})
+    work.store.write_files({marker: content()})
     work.redone.add("report")
     return paths
 

@@ -47,12 +47,19 @@ class SamplingLaw:
 
     @staticmethod
     def from_document(document: dict[str, Any]) -> SamplingLaw:
-        """Raises: KeyError, ExpressionError on anything `document` did not write."""
-        if document.get("updated") is True:
-            return SamplingLaw("updated")
-        if "period" in document:
-            return SamplingLaw.periodic(Exact(document["period"]))
-        return SamplingLaw("aperiodic", Exact(document["min_period"]), Exact(document["max_period"]))
+        """Raises: TypeError, ValueError on anything `document` did not write."""
+        match document:
+            case {"updated": True, **rest} if not rest:
+                return SamplingLaw("updated")
+            case {"period": str(period), **rest} if not rest:
+                law = SamplingLaw.periodic(Exact(period))
+            case {"min_period": str(shortest), "max_period": str(longest), **rest} if not rest:
+                law = SamplingLaw("aperiodic", Exact(shortest), Exact(longest))
+            case _:
+                raise ValueError("not a sampling law")
+        if law.T_max.sign() != 1 or law.T_min.sign() == -1 or (law.T_max - law.T_min).sign() == -1:
+            raise ValueError("periods that no sampling law has")
+        return law
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cdobs_cli.exact.expression import Expression, ExpressionError, Number
 from cdobs_cli.exact.expression import fraction_text as fraction_text
@@ -131,6 +131,13 @@ class ExactMatrix:
     def texts(self) -> list[list[str]]:
         """Each entry as text that reads back to the same number."""
         return [[str(entry) for entry in row] for row in self.rows]
+
+    @staticmethod
+    def from_document(rows: Any) -> ExactMatrix:
+        """What `texts` wrote. Raises: TypeError, ValueError on anything else."""
+        if not isinstance(rows, list) or not all(isinstance(row, list) and all(isinstance(text, str) for text in row) for row in rows):
+            raise TypeError("a matrix is a list of rows of texts")
+        return ExactMatrix(rows)
 
     @staticmethod
     def from_floats(array: NDArray[np.float64] | Sequence[Sequence[float]], digits: int) -> ExactMatrix:

@@ -45,6 +45,10 @@ class Family(BaseModel, ABC):
         given gain, options that contradict one another. Fields are paths from the top of the spec."""
         return []
 
+    @abstractmethod
+    def given(self) -> Mapping[str, ExactMatrix | None]:
+        """The matrices that a design of this card holds, by paper letter: as typed, None where one is to be found."""
+
     def controlled(self, inputs: tuple[str, ...]) -> frozenset[str]:
         """The inputs that the observer sets itself (by feedback): they need no signal."""
         return frozenset()

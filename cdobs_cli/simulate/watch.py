@@ -34,7 +34,7 @@ class Watch:
 
     def begin(self, t: Array, y: Array, held: Array) -> None:
         """Fix the limit of the error from where all runs start."""
-        error = _distance(self.loop.see(t, y, held))
+        error = distance(self.loop.see(t, y, held))
         if error is not None:
             self.limit = DIVERGED * (1.0 + error)
 
@@ -47,7 +47,7 @@ class Watch:
         seen = self.loop.see(t, y, held)
         self.loop.signals.refuse_outside(seen.signals, t, seen.signals)
         finite = np.isfinite(y).all(axis=0)
-        error = _distance(seen)
+        error = distance(seen)
         near = finite if error is None else finite & (error <= self.limit[runs])
         reasons: list[tuple[NDArray[np.bool_], str, bool]] = [(np.logical_not(near), "the error grew beyond 1e6 (1 + |e0|)", True)]
         # A condition that cannot be evaluated is not met.
@@ -75,7 +75,7 @@ class Watch:
         self.stopped[run] = f"{sentence} (t = {t:.6g})"
 
 
-def _distance(seen: View) -> Array | None:
+def distance(seen: View) -> Array | None:
     """|x_hat - x|, or the larger distance of x from the ends of its interval."""
     if "x_hat" in seen.estimates:
         parts = seen.estimates["x_hat"] - seen.x

@@ -175,7 +175,8 @@ def _hull(a: Analysis) -> Status:
     text = f"|S F(s) S^-1| contracts in one weighted norm for every {periods_text(a.law)}"
     stored = a.matrix("hull", "w")
     frontier = a.matrix("hull_frontier", "w")
-    if frontier is not None and prove_hull(*exact, frontier[1], frontier[0], a.effort):
+    same_law = frontier is not None and frontier[0] == a.law.with_period(frontier[0].T_max)
+    if frontier is not None and same_law and prove_hull(*exact, frontier[1], frontier[0], a.effort):
         a.bounds["period_max.hull"] = Bound(lower_text(frontier[0].T_max.ball()), method="hull predictor")
     if stored is not None and stored[0] == a.law and prove_hull(*exact, stored[1], a.law, a.effort):
         return a.say("contraction", "certificate", "proved", text, method="weighted norm, ball arithmetic in s")

@@ -86,6 +86,9 @@ expect:
 
         return problems(self, plant)
 
+    def given(self) -> Mapping[str, ExactMatrix | None]:
+        return {"L": self.gain.L if self.gain else None}
+
     def synthesize(self, plant: Plant, effort: int) -> Design:
         from cdobs_cli.families.lpv_zoh.synthesis import synthesize
 

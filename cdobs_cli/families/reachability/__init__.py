@@ -104,6 +104,9 @@ class Reachability(Family):
 
         return problems(self, plant)
 
+    def given(self) -> Mapping[str, ExactMatrix | None]:
+        return {"K": self.gain.K if self.gain else None}
+
     def synthesize(self, plant: Plant, effort: int) -> Design:
         from cdobs_cli.families.reachability.synthesis import synthesize
 

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     from cdobs_cli.run import Run, SimulationPlan
 
 
+_SCALARS = ("alpha", "a1", "a2", "a3")
+
+
 class Gain(BaseModel):
     """A given gain: K, shape (n, 1), and the numbers alpha, a1, a2, a3 of (6)-(7)."""
 
@@ -88,6 +91,13 @@ expect:
         from cdobs_cli.families.updated_sampling.structure import problems
 
         return problems(self, plant)
+
+    def given(self) -> Mapping[str, ExactMatrix | None]:
+        from cdobs_cli.exact.numbers import ExactMatrix
+
+        typed = {"alpha": self.alpha} | ({name: getattr(self.gain, name) for name in _SCALARS} if self.gain else {})
+        letters = {name: None if (number := typed.get(name)) is None else ExactMatrix([[number]]) for name in _SCALARS}
+        return {"K": self.gain.K if self.gain else None, **letters}
 
     def synthesize(self, plant: Plant, effort: int) -> Design:
         from cdobs_cli.families.updated_sampling.synthesis import synthesize

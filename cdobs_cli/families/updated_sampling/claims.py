@@ -45,7 +45,7 @@ def certify(family: UpdatedSampling, plant: Plant, design: Design, effort: int) 
     if numbers is None or numbers.K.shape != (plant.n, 1):
         return Check((_convergence("undecided", design.reason or "the stored gain does not fit the plant"),))
     premise = rate_claim(plant, rate, family.variant)
-    bounded = largest_is_proved(plant, rate)
+    bounded = largest_is_proved(plant, rate, family.variant, premise)
     claims = [premise, _bounded_claim(rate, bounded), _hurwitz_claim(numbers), _one_step_claim(plant, design, numbers, effort)]
     proved, by = False, None
     own = [certificate for certificate in design.certificates if certificate.method != constant_period.METHOD]
@@ -247,7 +247,7 @@ def _paper_claims(certificate: Certificate, proof: PaperProof, w: int) -> list[C
 
 def _bounds(rate: Rate, numbers: Numbers, bounded: bool) -> dict[str, Bound]:
     """The guaranteed period for c <= largest, and what Lemma 1's own constants give."""
-    if rate.largest is None or not bounded:
+    if rate.largest is None or not bounded or not numbers.are_signed:
         return {}
     c = rate.largest.ball()
     proved, reached = guaranteed_period(numbers.timing, c)

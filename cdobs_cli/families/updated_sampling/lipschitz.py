@@ -264,10 +264,14 @@ def _is_proved(plant: Plant, rate: Rate, variant: str) -> bool:
     return needed is not None and needed.rational is not None and stored is not None and needed.rational <= stored
 
 
-def largest_is_proved(plant: Plant, rate: Rate) -> bool:
-    """Whether c <= largest over the domain and the input ranges, anew."""
+def largest_is_proved(plant: Plant, rate: Rate, variant: str, premise: Claim) -> bool:
+    """Whether c <= largest over the domain and the input ranges, anew: by range where c was typed, to the letter
+    what the plant gives where it was derived or constant. `premise`: what `rate_claim` said."""
     if rate.largest is None:
         return False
-    if rate.origin != "typed":
-        return True
-    return _is_nonpositive(simplify(rate.c - rate.largest.expression), _region(plant, ""))
+    if rate.origin == "typed":
+        return _is_nonpositive(simplify(rate.c - rate.largest.expression), _region(plant, ""))
+    if rate.origin == "derived":
+        return premise.status == "proved"
+    values = magnitudes(plant)
+    return values is not None and rate.c == rate.largest.expression and constant_rate(variant, values).largest == rate.largest
