@@ -136,7 +136,7 @@ class Check:
         stored = dict(document)
         verdict = stored.pop("verdict")
         check = read_fields(Check, {key: value for key, value in stored.items() if key != "schema_version"})
-        if verdict != check.verdict:
+        if verdict != check.verdict or not any(claim.required for claim in check.claims):
             raise ValueError("a verdict that does not follow from the claims")
         for bound in check.bounds.values():
             for end in (bound.proved, bound.refuted):
