@@ -81,7 +81,7 @@ def _is_current(work: Work, stored: Design) -> bool:
     the spec asks for (under max_period: that law at the same period or a longer one)."""
     if stored.family != work.spec.observer.name or not _comes_from(stored.digests, {"key": work.design_key}):
         return False
-    if not _holds_what_is_given(work, stored):
+    if not _holds_what_is_given(work, stored) or not _makes_an_observer(work, stored):
         return False
     asked, law = work.spec.plant.sampling, stored.sampling
     if law == asked:
@@ -105,6 +105,17 @@ def _holds_what_is_given(work: Work, stored: Design) -> bool:
     if (stored.outcome == "given") != typed or stored.slopes.keys() != {f"{i + 1}.{j + 1}" for i, j in auto}:
         return False
     return given.keys() == stored.gain.keys() and all(given[letter] in (None, matrix) for letter, matrix in stored.gain.items())
+
+
+def _makes_an_observer(work: Work, stored: Design) -> bool:
+    """Whether gains and details are of the shapes that the family's equations take."""
+    if stored.outcome == "none":
+        return True
+    try:
+        work.spec.observer.observer(work.plant(stored), stored)
+    except Exception:  # whatever a matrix of another shape, or a text that is no number, comes to
+        return False
+    return True
 
 
 def _new_design(work: Work) -> Design:
@@ -289,6 +300,18 @@ def report(work: Work) -> list[Path]:
         ArtefactError: there is no current design or check, or an artefact was edited or damaged; a stored run of
             another design is left out.
     """
+    try:
+        return _report(work)
+    except CdobsError:
+        raise
+    except Exception as error:
+        if work.redone:
+            raise
+        told = f"its artefacts cannot be shown ({type(error).__name__}: {error}); `cdobs run --force` makes them anew"
+        raise ArtefactError(f"{work.store.folder}: {told}") from error
+
+
+def _report(work: Work) -> list[Path]:
     design = work.design or work.store.design()
     if design is None or not (design is work.design or _is_current(work, design)):
         raise _unusable(work, "design.json", "for this spec", is_whole=design is not None)
