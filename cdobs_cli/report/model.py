@@ -78,14 +78,14 @@ def margin_text(text: str | None) -> str:
 
 
 def ends_text(bound: Bound) -> tuple[str, str]:
-    """Both ends of a bracket, shortened to two digits beyond those that they share."""
+    """Both ends of a bracket, each to its safe side, shortened to two digits beyond those that they share."""
     proved, refuted = float_or_none(bound.proved), float_or_none(bound.refuted)
-    smaller, digits = False, 6
+    digits = 6
     if proved is not None and refuted is not None and math.isfinite(proved) and math.isfinite(refuted):
-        smaller = proved > refuted
         gap = abs(proved - refuted) / max(abs(proved), abs(refuted), 1e-300)
         digits = 20 if gap == 0 else max(6, min(20, math.ceil(-math.log10(gap)) + 2))
-    return end_text(bound.proved, digits, up=smaller), end_text(bound.refuted, digits, up=not smaller)
+    less = bound.better == "less"
+    return end_text(bound.proved, digits, up=less), end_text(bound.refuted, digits, up=not less)
 
 
 def bracket_text(bound: Bound) -> str:
