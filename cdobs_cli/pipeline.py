@@ -56,8 +56,8 @@ class Work:
         return digest({"spec": self.key("plant", "measurement", "observer"), "effort": self.effort})
 
     def plant(self, design: Design) -> Plant:
-        """The plant with the slopes that `synthesize` found where they are `auto`."""
-        return self.spec.plant.with_slopes(design.slopes)
+        """The plant with the slopes that `synthesize` found where they are `auto`; as it is where it found none."""
+        return self.spec.plant.with_slopes(design.slopes) if design.slopes else self.spec.plant
 
 
 def synthesize(work: Work) -> Design:
@@ -90,12 +90,11 @@ def _new_design(work: Work) -> Design:
     plant = work.spec.plant
     found: dict[str, tuple[str, str]] = {}
     if plant.slopes.auto:
-        from cdobs_cli.certify.slopes import resolve
+        from cdobs_cli.certify.slopes import resolve, unbounded_claims
 
         plant, found = resolve(plant)
         if plant.slopes.auto:
-            names = ", ".join(f"d phi_{i + 1}/d x_{j + 1}" for i, j in sorted(plant.slopes.auto))
-            reason = f"no bound could be proved for {names}; declare a smaller domain or the slopes themselves"
+            reason = "; ".join(claim.statement for claim in unbounded_claims(plant))
             return Design(work.spec.observer.name, "none", plant.sampling, {}, reason=reason)
     return replace(work.spec.observer.synthesize(plant, work.effort), slopes=found)
 
@@ -115,12 +114,13 @@ def check(work: Work) -> Check:
 
 
 def _certify(work: Work, design: Design) -> Check:
-    from cdobs_cli.certify.slopes import slope_claims
+    from cdobs_cli.certify.slopes import resolve, slope_claims, unbounded_claims
 
     family = work.spec.observer
     if work.spec.plant.slopes.auto and not design.slopes:
         statement = f"The error converges: {design.reason or 'there is no design'}."
-        return Check((Claim("convergence", "consequence", "undecided", statement, family.source, required=True),))
+        convergence = Claim("convergence", "consequence", "undecided", statement, family.source, required=True)
+        return Check((convergence, *unbounded_claims(resolve(work.spec.plant)[0])))
     plant = work.plant(design)
     made = family.certify(plant, design, work.effort)
     premises = slope_claims(plant)

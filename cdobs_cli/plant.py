@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from typing import Any, Literal
 
 from cdobs_cli.exact.expression import Expression
@@ -173,6 +174,26 @@ class Plant:
             low, high = found[f"{i + 1}.{j + 1}"]
             lower[i][j], upper[i][j] = Exact(low), Exact(high)
         return replace(self, slopes=Slopes(ExactMatrix(lower), ExactMatrix(upper)))
+
+    def widened(self, margin: Mapping[str, Fraction | Exact]) -> Plant:
+        """The plant with every side of its domain moved outwards so far that each named state has `margin` of room:
+        ends of the box by the margin, a limit w >= 0 to w + sum_j |dw/dx_j| margin_j >= 0."""
+        from cdobs_cli.exact.rational import simplify
+
+        box = {}
+        for name, interval in self.domain.box.items():
+            by = Exact(margin.get(name, 0))
+            lower = None if interval.lower is None else interval.lower - by
+            upper = None if interval.upper is None else interval.upper + by
+            box[name] = Interval(lower, upper)
+        where = []
+        for w in self.domain.where:
+            room = EXACT_ZERO
+            for name, by in margin.items():
+                slope = Exact(simplify(w.derivative(name)))
+                room = room + (slope if slope.sign() == 1 else -slope) * Exact(by)
+            where.append(w + room.expression)
+        return replace(self, domain=Domain(box, tuple(where)))
 
     def without_zero_slopes(self) -> Plant:
         """The plant with `auto` only where phi depends on the state: elsewhere the slope is the constant 0."""

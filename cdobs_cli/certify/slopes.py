@@ -85,6 +85,18 @@ def resolve(plant: Plant) -> tuple[Plant, dict[str, tuple[str, str]]]:
     return replace(plant, slopes=replace(plant.slopes, auto=missing)) if missing else plant.with_slopes(found), found
 
 
+def unbounded_claims(plant: Plant) -> tuple[Claim, ...]:
+    """The premises of a plant with slopes left in `auto`: no bound was proved for them, and what would give one."""
+    region = Region.of(plant)
+    claims = []
+    for i, j in sorted(plant.slopes.auto):
+        slope = simplify(plant.phi[i].derivative(plant.states[j]))
+        free = [name for name in region.unbounded if name in slope.variables] or sorted(slope.variables)
+        statement = f"no bound of d phi_{i + 1}/d {plant.states[j]} = {slope} was proved; declare a smaller domain of {', '.join(free)}"
+        claims.append(Claim(f"slopes.{i + 1}.{j + 1}", "premise", "undecided", statement, SOURCE, required=True))
+    return tuple(claims)
+
+
 @dataclass(frozen=True)
 class Decision:
     """What became of one bound: `reason` says what is left where it is undecided."""
