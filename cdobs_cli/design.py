@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.exact.numbers import ExactMatrix
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.plant import Box, SamplingLaw
 
 Outcome = Literal["found", "given", "none"]
+Way = Literal["everywhere", "margin", "continuation", "cut", "open"]
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,39 @@ class SolverRecord:
 
 
 @dataclass(frozen=True)
+class Confinement:
+    """How the estimate is kept where the slopes hold (`certify.estimate` says what each way means).
+
+    margin: by state, how far beyond the domain the estimate may go; start: the ends of each component of
+    x_hat(0) - x(0) for which it goes no further. Decimals; both empty where the way is not `margin`.
+    """
+
+    way: Way = "open"
+    margin: Mapping[str, str] = field(default_factory=dict)
+    start: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def continues(self) -> bool:
+        """Whether the observer evaluates phi continued outside the box of the domain."""
+        return self.way == "continuation"
+
+    @property
+    def initial_errors(self) -> Box:
+        """The box of `start`. Raises: ExpressionError for what is no number."""
+        return Box(tuple(Exact(low) for low, _ in self.start), tuple(Exact(high) for _, high in self.start))
+
+    def document(self) -> dict[str, Any]:
+        return {"way": self.way, "margin": dict(self.margin), "start": [list(ends) for ends in self.start]}
+
+    @staticmethod
+    def from_document(document: Mapping[str, Any]) -> Confinement:
+        """Raises: KeyError, TypeError, ValueError on anything `document` did not write."""
+        if document["way"] not in get_args(Way):
+            raise ValueError(document["way"])
+        return Confinement(document["way"], dict(document["margin"]), tuple((low, high) for low, high in document["start"]))
+
+
+@dataclass(frozen=True)
 class Design:
     """What `synthesize` made.
 
@@ -48,6 +82,7 @@ class Design:
     reason: str | None = None
     slopes: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     details: Mapping[str, Any] = field(default_factory=dict)
+    estimate: Confinement = Confinement()
     digests: Mapping[str, str] = field(default_factory=dict)
 
     def document(self) -> dict[str, Any]:
@@ -56,7 +91,7 @@ class Design:
             "sampling": self.sampling.document(), "gain": {name: matrix.texts() for name, matrix in self.gain.items()},
             "slopes": {name: list(ends) for name, ends in self.slopes.items()},
             "certificates": [certificate.document() for certificate in self.certificates],
-            "details": dict(self.details), "solver": self.solver.document() if self.solver else None,
+            "estimate": self.estimate.document(), "details": dict(self.details), "solver": self.solver.document() if self.solver else None,
             "digests": dict(self.digests),
         }  # fmt: skip
 
@@ -70,5 +105,5 @@ class Design:
             tuple(Certificate.from_document(certificate) for certificate in document["certificates"]),
             SolverRecord(**solver) if solver else None, document["reason"],
             {name: (ends[0], ends[1]) for name, ends in document["slopes"].items()}, document["details"],
-            document["digests"],
+            Confinement.from_document(document["estimate"]), document["digests"],
         )  # fmt: skip

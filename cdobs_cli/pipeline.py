@@ -15,8 +15,9 @@ from cdobs_cli import __version__
 from cdobs_cli.certificate import Check, Claim
 from cdobs_cli.design import Design
 from cdobs_cli.errors import ArtefactError, UsageError
+from cdobs_cli.exact.numbers import Exact, upper_text
 from cdobs_cli.outcome import readable
-from cdobs_cli.plant import Plant
+from cdobs_cli.plant import Box, Plant
 from cdobs_cli.store import Store, digest
 
 if TYPE_CHECKING:
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     from cdobs_cli.spec.model import Spec
 
 STAGES = ("synthesize", "check", "simulate", "report")
+# Room for a transient that grows as the slopes over a wider domain do.
+_SPARE = 1.5
 
 
 @dataclass
@@ -53,7 +56,17 @@ class Work:
 
     @property
     def design_key(self) -> str:
-        return digest({"spec": self.key("plant", "measurement", "observer"), "effort": self.effort})
+        start = self.initial_errors
+        ends = None if start is None else [[str(value) for value in side] for side in (start.lower, start.upper)]
+        return digest({"spec": self.key("plant", "measurement", "observer"), "start": ends, "effort": self.effort})
+
+    @property
+    def initial_errors(self) -> Box | None:
+        """The typed x_hat(0) - x(0), where the estimate may have to be shown to stay near the domain."""
+        spec = self.spec
+        if spec.simulation is None or not spec.plant.domain or getattr(spec.observer, "saturate", True) is True:
+            return None
+        return spec.simulation.initial_errors(spec.plant.n)
 
     def plant(self, design: Design) -> Plant:
         """The plant with the slopes that `synthesize` found where they are `auto`; as it is where it found none."""
@@ -87,16 +100,51 @@ def _is_current(work: Work, stored: Design) -> bool:
 
 
 def _new_design(work: Work) -> Design:
+    """A design with its slopes found and its estimate confined: of the regions that automatic slopes may be found
+    over the first that leaves the estimate room, else the design for the domain itself."""
     plant = work.spec.plant
+    if not plant.slopes.auto:
+        return _design_for(work, plant)
+    saturate = getattr(work.spec.observer, "saturate", False)
+    # With affine limits the continuation needs slopes on the whole box: wherever the estimate goes, that one serves.
+    if plant.domain.where and saturate is not False and (design := _design_for(work, plant.on_box)).outcome != "none":
+        return design
+    design = _design_for(work, plant)
+    if design.outcome == "none" or design.estimate.way != "open":
+        return design
+    margin = {} if saturate is True else _margin_needed(work, design)
+    again = _design_for(work, plant.widened(margin)) if margin else design
+    return again if again.outcome != "none" and again.estimate.way != "open" else design
+
+
+def _design_for(work: Work, over: Plant) -> Design:
+    """A design, its automatic slopes found over the domain of `over`."""
+    plant, observer = work.spec.plant, work.spec.observer
     found: dict[str, tuple[str, str]] = {}
     if plant.slopes.auto:
         from cdobs_cli.certify.slopes import resolve, unbounded_claims
 
-        plant, found = resolve(plant)
-        if plant.slopes.auto:
-            reason = "; ".join(claim.statement for claim in unbounded_claims(plant))
-            return Design(work.spec.observer.name, "none", plant.sampling, {}, reason=reason)
-    return replace(work.spec.observer.synthesize(plant, work.effort), slopes=found)
+        resolved, found = resolve(over)
+        if resolved.slopes.auto:
+            reason = "; ".join(claim.statement for claim in unbounded_claims(resolved))
+            return Design(observer.name, "none", plant.sampling, {}, reason=reason)
+        plant = plant.with_slopes(found)
+    design = replace(observer.synthesize(plant, work.effort), slopes=found)
+    if design.outcome == "none":
+        return design
+    return replace(design, estimate=observer.confine(plant, design, work.initial_errors))
+
+
+def _margin_needed(work: Work, design: Design) -> dict[str, Exact]:
+    """How far the estimate goes beyond the domain, with some room; empty where no level set shows it."""
+    start = work.initial_errors
+    levels = work.spec.observer.levels(work.plant(design), design) if start is not None else ()
+    if start is None or not levels:
+        return {}
+    bounds = min((level.bounds(start) for level in levels), key=lambda ends: max(float(end) for end in ends))
+    if not all(bound.is_finite() for bound in bounds):
+        return {}
+    return {name: Exact(upper_text(bound * _SPARE, 3)) for name, bound in zip(work.spec.plant.states, bounds, strict=True)}
 
 
 def check(work: Work) -> Check:
@@ -114,6 +162,8 @@ def check(work: Work) -> Check:
 
 
 def _certify(work: Work, design: Design) -> Check:
+    from cdobs_cli.certify.conditions import confined_bounds, with_conditions
+    from cdobs_cli.certify.estimate import confinement_claim
     from cdobs_cli.certify.slopes import resolve, slope_claims, unbounded_claims
 
     family = work.spec.observer
@@ -124,9 +174,13 @@ def _certify(work: Work, design: Design) -> Check:
     plant = work.plant(design)
     made = family.certify(plant, design, work.effort)
     premises = slope_claims(plant)
+    if plant.domain and design.outcome != "none":
+        premises += (confinement_claim(plant, design.estimate, family.levels(plant, design)),)
     if work.spec.coordinates is not None:
         premises = work.spec.coordinates.premises(premises)
-    return Check((*premises, *made.claims), made.bounds)
+    domain = work.spec.typed.domain if work.spec.typed else plant.domain
+    claims = with_conditions((*premises, *made.claims), plant, design.estimate, domain, disturbed=family.disturbed)
+    return Check(claims, confined_bounds(made.bounds, design.sampling, design.estimate))
 
 
 def simulate(work: Work) -> dict[str, Any] | None:
@@ -161,7 +215,7 @@ def _new_run(work: Work, design: Design) -> Run:
 
     assert work.spec.simulation is not None
     plant = work.plant(design)
-    system = HybridSystem(plant, work.spec.observer.observer(plant, design))
+    system = HybridSystem(plant, work.spec.observer.observer_as_run(plant, design), design.estimate.way == "open")
     return engine(system, work.spec.simulation, design.sampling)
 
 

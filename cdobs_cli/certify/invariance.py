@@ -138,7 +138,7 @@ def _leaving(face: Face) -> Mapping[str, Fraction] | None:
 
 
 def _claim(plant: Plant, status: Status, reason: str | None, witness: Witness | None = None) -> Claim:
-    text = f"the plant stays in {Region.of(plant).text()} once it is there, where the slopes are proved"
+    text = f"the plant stays in {plant.domain.text} once it is there, where the slopes are proved"
     return Claim(
         "domain_invariant", "assumption", status, text if reason is None else f"{text}: {reason}", SOURCE,
         method="branch and bound on every side", witness=witness,

@@ -55,22 +55,6 @@ def read_rate(document: Mapping[str, str | None], plant: Plant) -> Rate:
     return Rate(parse(str(document["c"]), names), None if largest is None else Exact(largest), origin)
 
 
-def saturated(plant: Plant, prefix: str) -> dict[str, Expression]:
-    """Each state of the estimate cut to the domain's box: x is there, so this only brings them closer."""
-    values: dict[str, Expression] = {}
-    for name in plant.states:
-        interval = plant.domain.box.get(name)
-        value: Expression = Variable(prefix + name)
-        if interval is not None and interval.lower is not None and interval.upper is not None:
-            value = call("sat", value, interval.lower.expression, interval.upper.expression)
-        elif interval is not None and interval.lower is not None:
-            value = call("max", value, interval.lower.expression)
-        elif interval is not None and interval.upper is not None:
-            value = call("min", value, interval.upper.expression)
-        values[name] = value
-    return values
-
-
 def magnitudes(plant: Plant) -> dict[tuple[int, int], Fraction] | None:
     """Bounds of |d phi_i / d x_j|: the declared slopes; anew over the whole box where the domain has affine
     limits besides, since the saturated estimate need not meet those (None where no bound is found)."""
