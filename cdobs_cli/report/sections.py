@@ -163,6 +163,7 @@ def _claims(report: Report) -> Section:
 
 _GROUPS = {
     "Required": "These decide the verdict.",
+    "Assumptions": "What is taken for granted of the plant where it is not proved; the verdict names it.",
     "Certificates": "Alternatives: one that fails refutes nothing.",
     "Further claims": "",
     "Printed in the paper": "The paper's own data put to the test; the verdict does not depend on them.",
@@ -172,7 +173,7 @@ _GROUPS = {
 def _group(claim: Claim) -> str:
     if claim.required:
         return "Required"
-    return {"certificate": "Certificates", "printed": "Printed in the paper"}.get(claim.kind, "Further claims")
+    return {"assumption": "Assumptions", "certificate": "Certificates", "printed": "Printed in the paper"}.get(claim.kind, "Further claims")
 
 
 def _claim_row(claim: Claim) -> tuple[Cell, ...]:
