@@ -53,6 +53,16 @@ class Confinement:
         """The box of `start`. Raises: ExpressionError for what is no number."""
         return Box(tuple(Exact(low) for low, _ in self.start), tuple(Exact(high) for _, high in self.start))
 
+    @property
+    def margin_text(self) -> str:
+        """`|e_x| <= 0.3, |e_v| <= 1`."""
+        return ", ".join(f"|e_{name}| <= {by}" for name, by in self.margin.items())
+
+    @property
+    def start_text(self) -> str:
+        """`e_x(0) in [-1, 1], e_v(0) in [0, 0]`."""
+        return ", ".join(f"e_{name}(0) in [{low}, {high}]" for name, (low, high) in zip(self.margin, self.start, strict=True))
+
     def document(self) -> dict[str, Any]:
         return {"way": self.way, "margin": dict(self.margin), "start": [list(ends) for ends in self.start]}
 

@@ -122,7 +122,7 @@ def _design_for(work: Work, over: Plant) -> Design:
     plant, observer = work.spec.plant, work.spec.observer
     found: dict[str, tuple[str, str]] = {}
     if plant.slopes.auto:
-        from cdobs_cli.certify.slopes import resolve, unbounded_claims
+        from cdobs_cli.bounds.slopes import resolve, unbounded_claims
 
         resolved, found = resolve(over)
         if resolved.slopes.auto:
@@ -138,10 +138,10 @@ def _design_for(work: Work, over: Plant) -> Design:
 def _margin_needed(work: Work, design: Design) -> dict[str, Exact]:
     """How far the estimate goes beyond the domain, with some room; empty where no level set shows it."""
     start = work.initial_errors
-    levels = work.spec.observer.levels(work.plant(design), design) if start is not None else ()
-    if start is None or not levels:
+    transients = work.spec.observer.transients(work.plant(design), design) if start is not None else ()
+    if start is None or not transients:
         return {}
-    bounds = min((level.bounds(start) for level in levels), key=lambda ends: max(float(end) for end in ends))
+    bounds = min((transient(start) for transient in transients), key=lambda ends: max(float(end) for end in ends))
     if not all(bound.is_finite() for bound in bounds):
         return {}
     return {name: Exact(upper_text(bound * _SPARE, 3)) for name, bound in zip(work.spec.plant.states, bounds, strict=True)}
@@ -162,9 +162,9 @@ def check(work: Work) -> Check:
 
 
 def _certify(work: Work, design: Design) -> Check:
+    from cdobs_cli.bounds.estimate import confinement_claim
+    from cdobs_cli.bounds.slopes import resolve, slope_claims, unbounded_claims
     from cdobs_cli.certify.conditions import confined_bounds, with_conditions
-    from cdobs_cli.certify.estimate import confinement_claim
-    from cdobs_cli.certify.slopes import resolve, slope_claims, unbounded_claims
 
     family = work.spec.observer
     if work.spec.plant.slopes.auto and not design.slopes:
@@ -175,7 +175,7 @@ def _certify(work: Work, design: Design) -> Check:
     made = family.certify(plant, design, work.effort)
     premises = slope_claims(plant)
     if plant.domain and design.outcome != "none":
-        premises += (confinement_claim(plant, design.estimate, family.levels(plant, design)),)
+        premises += (confinement_claim(plant, design.estimate, family.transients(plant, design)),)
     if work.spec.coordinates is not None:
         premises = work.spec.coordinates.premises(premises)
     domain = work.spec.typed.domain if work.spec.typed else plant.domain

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from cdobs_cli.certificate import Bound, Claim
-from cdobs_cli.certify.estimate import start_text
 from cdobs_cli.design import Confinement
 from cdobs_cli.exact.numbers import text_below
 from cdobs_cli.plant import Domain, Plant, SamplingLaw
@@ -39,7 +38,7 @@ def with_conditions(
         if domain and confinement.way != "everywhere" and (stays is None or stays.status != "proved"):
             conditions.append(f"while the plant stays in {domain.text}")
         if confinement.way == "margin":
-            conditions.append(f"for initial errors {start_text(plant, confinement)}")
+            conditions.append(f"for initial errors {confinement.start_text}")
         statement = ", ".join([claim.statement.rstrip("."), *conditions])
         if claim.status == "proved" and estimate is not None and estimate.status != "proved":
             claim = replace(claim, status="undecided", margin=None, by=None)

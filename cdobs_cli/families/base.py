@@ -14,8 +14,8 @@ from pydantic import BaseModel, ConfigDict
 from cdobs_cli.errors import Problem
 
 if TYPE_CHECKING:
+    from cdobs_cli.bounds.estimate import Transient
     from cdobs_cli.certificate import Check
-    from cdobs_cli.certify.levels import Level
     from cdobs_cli.chart import Exhibits
     from cdobs_cli.design import Confinement, Design
     from cdobs_cli.exact.numbers import ExactMatrix
@@ -73,15 +73,15 @@ class Family(BaseModel, ABC):
         """The error system under the plant's sampling law. Raises NotImplementedError where the gain is not constant."""
         raise NotImplementedError(f"{type(self).__name__} has no constant gain")
 
-    def levels(self, plant: Plant, design: Design) -> Sequence[Level]:
-        """Level sets that the error never leaves, from the stored certificates, each proved again."""
+    def transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
+        """How large the error becomes on the way, from the stored certificates, each proved again."""
         return ()
 
     def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:
         """How this observer's estimate is kept where the slopes hold, from initial errors in `start` (None: any)."""
-        from cdobs_cli.certify.estimate import confine
+        from cdobs_cli.bounds.estimate import confine
 
-        return confine(plant, False, self.levels(plant, design), start)
+        return confine(plant, False, self.transients(plant, design), start)
 
     def observer_as_run(self, plant: Plant, design: Design) -> Observer:
         """The observer that is simulated, exported and proved: with phi continued where the design says so."""

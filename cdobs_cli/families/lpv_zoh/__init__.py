@@ -18,8 +18,8 @@ from cdobs_cli.families.base import Family
 from cdobs_cli.families.fields import Rows
 
 if TYPE_CHECKING:
+    from cdobs_cli.bounds.estimate import Transient
     from cdobs_cli.certificate import Check
-    from cdobs_cli.certify.levels import Level
     from cdobs_cli.chart import Exhibits
     from cdobs_cli.design import Confinement, Design
     from cdobs_cli.exact.numbers import ExactMatrix
@@ -108,15 +108,15 @@ expect:
 
         return inclusion(plant, gain)
 
-    def levels(self, plant: Plant, design: Design) -> Sequence[Level]:
+    def transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
         from cdobs_cli.families.lpv_zoh.levels import levels
 
-        return levels(plant, design)
+        return tuple(level.bounds for level in levels(plant, design))
 
     def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:
-        from cdobs_cli.certify.estimate import confine
+        from cdobs_cli.bounds.estimate import confine
 
-        return confine(plant, self.saturate, self.levels(plant, design), start)
+        return confine(plant, self.saturate, self.transients(plant, design), start)
 
     def exhibits(self, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
         from cdobs_cli.families.lpv_zoh.exhibits import exhibits

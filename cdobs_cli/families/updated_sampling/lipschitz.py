@@ -16,14 +16,14 @@ from typing import Literal
 
 from flint import arb
 
+from cdobs_cli.bounds.bounded import TRIAL, bounded, least_bound
+from cdobs_cli.bounds.ranges import range_of
+from cdobs_cli.bounds.region import Region
 from cdobs_cli.certificate import Claim, Status
-from cdobs_cli.certify.bounded import TRIAL, bounded, least_bound
-from cdobs_cli.certify.region import Region
 from cdobs_cli.exact.expression import ZERO, Expression, Number, Variable, call
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, upper_text
 from cdobs_cli.exact.parser import parse
-from cdobs_cli.exact.ranges import range_of
 from cdobs_cli.exact.rational import simplify
 from cdobs_cli.families.updated_sampling.separated import modulus_bound, separated
 from cdobs_cli.plant import Interval, Plant

@@ -20,13 +20,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cdobs_cli.certify.region import Region
-from cdobs_cli.exact import boxes
-from cdobs_cli.exact.boxes import Array, Ends, Evaluator, Jet
+from cdobs_cli.bounds import boxes
+from cdobs_cli.bounds.boxes import Array, Ends, Evaluator, Jet
+from cdobs_cli.bounds.ranges import Range, range_of
+from cdobs_cli.bounds.region import Region
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact
-from cdobs_cli.exact.ranges import Range, range_of
 
 CHUNK, ROUND = 2048, 100
 PATIENCE = 8

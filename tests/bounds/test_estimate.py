@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from slope_plants import make_plant
 
-from cdobs_cli.certify.estimate import confine, confinement_claim, holds_everywhere
+from cdobs_cli.bounds.estimate import confine, confinement_claim, holds_everywhere
 from cdobs_cli.certify.levels import constant_level
 from cdobs_cli.design import Confinement
 from cdobs_cli.exact.compiled import compile_floats
@@ -17,7 +17,7 @@ from cdobs_cli.plant import Box
 UNIT = {"x": ("0", "1")}
 SQUARE = make_plant(("x",), ("x**2",), lower=[["0"]], upper=[["2"]], box=UNIT)
 ROOMY = make_plant(("x",), ("x**2",), lower=[["-0.5"]], upper=[["2.5"]], box=UNIT)
-LEVEL = constant_level(ExactMatrix([["1"]]))  # |e| never grows
+LEVEL = constant_level(ExactMatrix([["1"]])).bounds  # |e| never grows
 
 
 def start(size: str) -> Box:

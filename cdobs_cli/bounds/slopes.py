@@ -9,16 +9,16 @@ from math import isfinite
 
 from flint import arb
 
+from cdobs_cli.bounds.bounded import FULL, Bounded, bounded, least_bound
+from cdobs_cli.bounds.definedness import Definedness, conditions, defined, defined_claim
+from cdobs_cli.bounds.invariance import domain_invariant
+from cdobs_cli.bounds.points import high_points, point_balls
+from cdobs_cli.bounds.ranges import Range, range_of
+from cdobs_cli.bounds.region import Region, point_text
 from cdobs_cli.certificate import Claim, Status, Witness
-from cdobs_cli.certify.bounded import FULL, Bounded, bounded, least_bound
-from cdobs_cli.certify.definedness import Definedness, conditions, defined, defined_claim
-from cdobs_cli.certify.invariance import domain_invariant
-from cdobs_cli.certify.points import high_points, point_balls
-from cdobs_cli.certify.region import Region, point_text
 from cdobs_cli.exact.expression import ONE, ZERO, Expression
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, fraction_text, lower_text, upper_text
-from cdobs_cli.exact.ranges import Range, range_of
 from cdobs_cli.exact.rational import simplify
 from cdobs_cli.plant import Plant
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Literal
 
+from cdobs_cli.bounds.bounded import TRIAL, bounded, least_bound
+from cdobs_cli.bounds.points import high_points
+from cdobs_cli.bounds.ranges import Range, range_of
+from cdobs_cli.bounds.region import Region, point_text
 from cdobs_cli.certificate import Claim, Status, Witness
-from cdobs_cli.certify.bounded import TRIAL, bounded, least_bound
-from cdobs_cli.certify.points import high_points
-from cdobs_cli.certify.region import Region, point_text
 from cdobs_cli.exact.expression import Call, Expression, Power, call
 from cdobs_cli.exact.numbers import Exact
-from cdobs_cli.exact.ranges import Range, range_of
 
 Need = Literal["nonzero", "positive", "nonnegative"]
 _SIGNS: dict[Need, str] = {"nonzero": "!= 0", "positive": "> 0", "nonnegative": ">= 0"}

@@ -3,7 +3,7 @@
 import pytest
 from slope_plants import make_plant
 
-from cdobs_cli.certify.invariance import domain_invariant
+from cdobs_cli.bounds.invariance import domain_invariant
 
 UNIT = {"x": ("0", "1")}
 

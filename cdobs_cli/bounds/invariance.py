@@ -11,11 +11,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
+from cdobs_cli.bounds.bounded import TRIAL, bounded
+from cdobs_cli.bounds.definedness import conditions, defined
+from cdobs_cli.bounds.points import high_points, point_balls
+from cdobs_cli.bounds.region import Region, point_text
 from cdobs_cli.certificate import Claim, Status, Witness
-from cdobs_cli.certify.bounded import TRIAL, bounded
-from cdobs_cli.certify.definedness import conditions, defined
-from cdobs_cli.certify.points import high_points, point_balls
-from cdobs_cli.certify.region import Region, point_text
 from cdobs_cli.exact.expression import ZERO, Expression, Number, Variable
 from cdobs_cli.exact.numbers import EXACT_ZERO
 from cdobs_cli.exact.rational import simplify

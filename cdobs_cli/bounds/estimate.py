@@ -4,7 +4,7 @@ The error equation takes slopes on a convex set that holds x and x_hat. That the
 assumed (`invariance`); of the estimate it is shown, in one of these ways:
 
     everywhere     the slopes hold all over R^n;
-    margin         they hold on the domain widened by m_j in each state, and |e_j| never passes m_j (`levels`);
+    margin         they hold on the domain widened by m_j in each state, and |e_j| never passes m_j (`transients`);
     continuation   the observer continues phi linearly outside the box (`Plant.continued`), which keeps its slopes;
     cut            a family's own observer evaluates phi at the estimate cut to the box, and its theorem allows for it.
 
@@ -13,25 +13,26 @@ Otherwise it is `open`, and nothing is proved of the observer.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any, Literal
 
 from flint import arb
 
+from cdobs_cli.bounds.definedness import conditions, defined
+from cdobs_cli.bounds.ranges import range_of
+from cdobs_cli.bounds.region import Region
+from cdobs_cli.bounds.slopes import decide
 from cdobs_cli.certificate import Claim, Status
-from cdobs_cli.certify.definedness import conditions, defined
-from cdobs_cli.certify.levels import Level
-from cdobs_cli.certify.region import Region
-from cdobs_cli.certify.slopes import decide
 from cdobs_cli.design import Confinement
 from cdobs_cli.exact.expression import ZERO
 from cdobs_cli.exact.numbers import Exact, upper_text
-from cdobs_cli.exact.ranges import range_of
 from cdobs_cli.plant import Box, Domain, Interval, Plant
 
 Saturate = Literal["auto"] | bool
+# From a box of x_hat(0) - x(0) to upper ends of |e_j(t)| for all t after the first sample, infinite where unknown.
+Transient = Callable[[Box], tuple[arb, ...]]
 SOURCE = "cdobs, the estimate and the domain"
 # A margin is a little more than the transient that it has to hold.
 _ROOM = Fraction(1001, 1000)
@@ -39,7 +40,7 @@ _ROOM = Fraction(1001, 1000)
 _PARTS = tuple(Fraction(1, 4**k) for k in range(1, 7))
 
 
-def confine(plant: Plant, saturate: Saturate, levels: Sequence[Level], start: Box | None) -> Confinement:
+def confine(plant: Plant, saturate: Saturate, transients: Sequence[Transient], start: Box | None) -> Confinement:
     """The way that is taken for this design: everywhere, else (auto) the margin for the typed initial errors, the
     continuation, the margin for a box of initial errors of its own. Loads no solver.
 
@@ -49,12 +50,12 @@ def confine(plant: Plant, saturate: Saturate, levels: Sequence[Level], start: Bo
     if not plant.domain or holds_everywhere(plant):
         return Confinement("everywhere")
     if saturate is not True and start is not None:
-        within = _margin_for(plant, levels, _symmetric(start))
+        within = _margin_for(plant, transients, _symmetric(start))
         if within is not None:
             return within
     if saturate is not False and (not plant.domain.where or _slopes_hold(plant.on_box)):
         return Confinement("continuation")
-    return (_margin_of_its_own(plant, levels) if saturate is not True else None) or Confinement("open")
+    return (_margin_of_its_own(plant, transients) if saturate is not True else None) or Confinement("open")
 
 
 def _symmetric(start: Box) -> Box:
@@ -100,10 +101,10 @@ def _slopes_hold(plant: Plant) -> bool:
     return True
 
 
-def _margin_for(plant: Plant, levels: Sequence[Level], start: Box) -> Confinement | None:
+def _margin_for(plant: Plant, transients: Sequence[Transient], start: Box) -> Confinement | None:
     """A margin that the transient from these initial errors does not pass, with slopes that hold there."""
-    for level in levels:
-        bounds = level.bounds(start)
+    for transient in transients:
+        bounds = transient(start)
         if all(bound.is_finite() for bound in bounds):
             margin = {
                 name: upper_text(bound * arb(_ROOM.numerator) / _ROOM.denominator, 6)
@@ -115,7 +116,7 @@ def _margin_for(plant: Plant, levels: Sequence[Level], start: Box) -> Confinemen
     return None
 
 
-def _margin_of_its_own(plant: Plant, levels: Sequence[Level]) -> Confinement | None:
+def _margin_of_its_own(plant: Plant, transients: Sequence[Transient]) -> Confinement | None:
     """A margin, and the cube of initial errors whose transient does not pass it."""
     widths = [
         float(ends.upper) - float(ends.lower)
@@ -126,7 +127,7 @@ def _margin_of_its_own(plant: Plant, levels: Sequence[Level]) -> Confinement | N
     for part in _PARTS:
         radius = Exact(size * part)
         cube = Box((-radius,) * plant.n, (radius,) * plant.n)
-        within = _margin_for(plant, levels, cube)
+        within = _margin_for(plant, transients, cube)
         if within is not None:
             return within
     return None
@@ -136,13 +137,13 @@ def _widened(plant: Plant, margin: Mapping[str, str]) -> Plant:
     return plant.widened({name: Exact(by) for name, by in margin.items()})
 
 
-def confinement_claim(plant: Plant, confinement: Confinement, levels: Sequence[Level]) -> Claim:
+def confinement_claim(plant: Plant, confinement: Confinement, transients: Sequence[Transient]) -> Claim:
     """The premise `estimate`: what is stored of the way is proved anew."""
-    status, text = _judge(plant, confinement, levels)
+    status, text = _judge(plant, confinement, transients)
     return Claim("estimate", "premise", status, text, SOURCE, method=confinement.way)
 
 
-def _judge(plant: Plant, confinement: Confinement, levels: Sequence[Level]) -> tuple[Status, str]:
+def _judge(plant: Plant, confinement: Confinement, transients: Sequence[Transient]) -> tuple[Status, str]:
     domain = plant.domain.text
     match confinement.way:
         case "everywhere" if holds_everywhere(plant):
@@ -153,27 +154,19 @@ def _judge(plant: Plant, confinement: Confinement, levels: Sequence[Level]) -> t
             )
         case "cut":
             return "proved", "the observer evaluates phi at the estimate cut to the box of the domain"
-        case "margin" if _stays_within(plant, confinement, levels):
+        case "margin" if _stays_within(plant, confinement, transients):
             return "proved", (
-                f"the estimate stays within {margin_text(confinement)} of the plant, and the slopes hold so far beyond {domain}"
+                f"the estimate stays within {confinement.margin_text} of the plant, and the slopes hold so far beyond {domain}"
             )
     return "undecided", f"it is not proved that the estimate stays in {domain}, where the slopes are"
 
 
-def margin_text(confinement: Confinement) -> str:
-    """`|e_x| <= 0.3, |e_v| <= 1`."""
-    return ", ".join(f"|e_{name}| <= {by}" for name, by in confinement.margin.items())
-
-
-def start_text(plant: Plant, confinement: Confinement) -> str:
-    """`x in [-1, 1], v in [0, 0]`: of x_hat(0) - x(0)."""
-    return ", ".join(f"e_{name}(0) in [{low}, {high}]" for name, (low, high) in zip(plant.states, confinement.start, strict=True))
-
-
-def _stays_within(plant: Plant, confinement: Confinement, levels: Sequence[Level]) -> bool:
+def _stays_within(plant: Plant, confinement: Confinement, transients: Sequence[Transient]) -> bool:
     if set(confinement.margin) != set(plant.states) or len(confinement.start) != plant.n:
         return False
     margin = [Exact(confinement.margin[name]).ball() for name in plant.states]
     start = confinement.initial_errors
-    kept = any(all(bound < m or (bound == 0 and m == 0) for bound, m in zip(level.bounds(start), margin, strict=True)) for level in levels)
-    return kept and _slopes_hold(_widened(plant, confinement.margin))
+    kept = (
+        all(bound < m or (bound == 0 and m == 0) for bound, m in zip(transient(start), margin, strict=True)) for transient in transients
+    )
+    return any(kept) and _slopes_hold(_widened(plant, confinement.margin))

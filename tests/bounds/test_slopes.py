@@ -5,7 +5,7 @@ from fractions import Fraction
 import pytest
 from slope_plants import make_plant
 
-from cdobs_cli.certify.slopes import resolve, slope_claims
+from cdobs_cli.bounds.slopes import resolve, slope_claims
 from cdobs_cli.exact.numbers import Exact
 
 
