@@ -10,8 +10,9 @@ from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.plant import SamplingLaw
 
 Status = Literal["proved", "refuted", "undecided"]
-ClaimKind = Literal["premise", "certificate", "consequence", "printed"]
+ClaimKind = Literal["premise", "assumption", "certificate", "consequence", "printed"]
 About = Literal["class", "plant"]
+Better = Literal["more", "less"]
 
 
 @dataclass(frozen=True)
@@ -50,8 +51,9 @@ class Claim:
     """One statement and what became of it.
 
     `margin` is a decimal string on the safe side: how far the deciding quantity is from its limit.
-    `by` names the certificate that a consequence rests on. Only slope premises and the consequence
-    `convergence` are required.
+    `by` names the certificate that a consequence rests on. Required are the slope premises, that phi is
+    defined, and the consequence `convergence`. An `assumption` is the user's to answer for where it is not
+    proved; it is named in the verdict, and never required.
     """
 
     id: str
@@ -75,16 +77,24 @@ class Claim:
 
 @dataclass(frozen=True)
 class Bound:
-    """A bracket: decimal strings rounded to the safe side, "inf" allowed, None where nothing is known."""
+    """A bracket: decimal strings rounded to the safe side, "inf" allowed, None where nothing is known.
+
+    `better`: whether a larger or a smaller proved end says more. Of periods more is better, and a shortened
+    proved end is rounded down; of widths and errors less, and it is rounded up. The refuted end goes the other way.
+    """
 
     proved: str | None = None
     refuted: str | None = None
     unit: str = "s"
     method: str | None = None
     about: str | None = None
+    better: Better = "more"
 
     def document(self) -> dict[str, Any]:
-        return {"proved": self.proved, "refuted": self.refuted, "unit": self.unit, "method": self.method, "about": self.about}
+        return {
+            "proved": self.proved, "refuted": self.refuted, "better": self.better, "unit": self.unit, "method": self.method,
+            "about": self.about,
+        }  # fmt: skip
 
 
 @dataclass(frozen=True)

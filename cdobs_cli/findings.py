@@ -53,6 +53,8 @@ def _place(spec: Spec, claim: str) -> Field:
     if claim.startswith("slopes."):
         i, j = claim.split(".")[1:3]
         return ("plant", "lipschitz", int(i) - 1, int(j) - 1)
+    if claim == "defined":
+        return ("plant", "dynamics" if spec.typed else "phi")
     if getattr(spec.observer, "gain", None) is not None:
         return ("observer", "gain")
     law = spec.plant.sampling.kind

@@ -16,11 +16,13 @@ from cdobs_cli import __version__
 from cdobs_cli.certificate import Check, Claim
 from cdobs_cli.design import Design
 from cdobs_cli.errors import ArtefactError, CdobsError, UsageError
+from cdobs_cli.exact.numbers import Exact, upper_text
 from cdobs_cli.outcome import readable
-from cdobs_cli.plant import Plant
+from cdobs_cli.plant import Box, Plant
 from cdobs_cli.store import CONTENT, Store, digest
 
 if TYPE_CHECKING:
+    from cdobs_cli.hybrid import HybridSystem
     from cdobs_cli.report.model import Report
     from cdobs_cli.run import Run
     from cdobs_cli.spec.model import Spec
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 ARCHIVE = "archive"  # the entry of `digests` for the trajectories beside a summary
 STAGES = ("synthesize", "check", "simulate", "report")
+# Room for a transient that grows as the slopes over a wider domain do.
+_SPARE = 1.5
 
 
 @dataclass
@@ -56,11 +60,21 @@ class Work:
 
     @property
     def design_key(self) -> str:
-        return digest({"spec": self.key("plant", "measurement", "observer"), "effort": self.effort})
+        start = self.initial_errors
+        ends = None if start is None else [[str(value) for value in side] for side in (start.lower, start.upper)]
+        return digest({"spec": self.key("plant", "measurement", "observer"), "start": ends, "effort": self.effort})
+
+    @property
+    def initial_errors(self) -> Box | None:
+        """The typed x_hat(0) - x(0), where the estimate may have to be shown to stay near the domain."""
+        spec = self.spec
+        if spec.simulation is None or not spec.plant.domain or getattr(spec.observer, "saturate", True) is True:
+            return None
+        return spec.simulation.initial_errors(spec.plant.n)
 
     def plant(self, design: Design) -> Plant:
-        """The plant with the slopes that `synthesize` found where they are `auto`."""
-        return self.spec.plant.with_slopes(design.slopes)
+        """The plant with the slopes that `synthesize` found where they are `auto`; as it is where it found none."""
+        return self.spec.plant.with_slopes(design.slopes) if design.slopes else self.spec.plant
 
 
 def synthesize(work: Work) -> Design:
@@ -104,7 +118,18 @@ def _holds_what_is_given(work: Work, stored: Design) -> bool:
     typed = getattr(work.spec.observer, "gain", None) is not None
     if (stored.outcome == "given") != typed or stored.slopes.keys() != {f"{i + 1}.{j + 1}" for i, j in auto}:
         return False
+    if not _is_confined_as_typed(work, stored):
+        return False
     return given.keys() == stored.gain.keys() and all(given[letter] in (None, matrix) for letter, matrix in stored.gain.items())
+
+
+def _is_confined_as_typed(work: Work, stored: Design) -> bool:
+    """Whether the estimate is kept where the slopes hold in a way that the family has and `saturate` leaves (that it
+    is kept is proved by `check`)."""
+    way, saturate = stored.estimate.way, getattr(work.spec.observer, "saturate", False)
+    if way == "cut":
+        return work.spec.observer.confine(work.spec.plant, replace(stored, certificates=()), None).way == "cut"
+    return not (way == "continuation" and saturate is False) and not (way == "margin" and saturate is True)
 
 
 def _makes_an_observer(work: Work, stored: Design) -> bool:
@@ -112,24 +137,58 @@ def _makes_an_observer(work: Work, stored: Design) -> bool:
     if stored.outcome == "none":
         return True
     try:
-        work.spec.observer.observer(work.plant(stored), stored)
+        _system(work, stored)
     except Exception:  # whatever a matrix of another shape, or a text that is no number, comes to
         return False
     return True
 
 
 def _new_design(work: Work) -> Design:
+    """A design with its slopes found and its estimate confined: of the regions that automatic slopes may be found
+    over the first that leaves the estimate room, else the design for the domain itself."""
     plant = work.spec.plant
+    if not plant.slopes.auto:
+        return _design_for(work, plant)
+    saturate = getattr(work.spec.observer, "saturate", False)
+    # With affine limits the continuation needs slopes on the whole box: wherever the estimate goes, that one serves.
+    if plant.domain.where and saturate is not False and (design := _design_for(work, plant.on_box)).outcome != "none":
+        return design
+    design = _design_for(work, plant)
+    if design.outcome == "none" or design.estimate.way != "open":
+        return design
+    margin = {} if saturate is True else _margin_needed(work, design)
+    again = _design_for(work, plant.widened(margin)) if margin else design
+    return again if again.outcome != "none" and again.estimate.way != "open" else design
+
+
+def _design_for(work: Work, over: Plant) -> Design:
+    """A design, its automatic slopes found over the domain of `over`."""
+    plant, observer = work.spec.plant, work.spec.observer
     found: dict[str, tuple[str, str]] = {}
     if plant.slopes.auto:
-        from cdobs_cli.certify.slopes import resolve
+        from cdobs_cli.bounds.slopes import resolve, unbounded_claims
 
-        plant, found = resolve(plant)
-        if plant.slopes.auto:
-            names = ", ".join(f"d phi_{i + 1}/d x_{j + 1}" for i, j in sorted(plant.slopes.auto))
-            reason = f"no bound could be proved for {names}; declare a smaller domain or the slopes themselves"
-            return Design(work.spec.observer.name, "none", plant.sampling, {}, reason=reason)
-    return replace(work.spec.observer.synthesize(plant, work.effort), slopes=found)
+        resolved, found = resolve(over)
+        if resolved.slopes.auto:
+            reason = "; ".join(claim.statement for claim in unbounded_claims(resolved))
+            return Design(observer.name, "none", plant.sampling, {}, reason=reason)
+        plant = plant.with_slopes(found)
+    design = replace(observer.synthesize(plant, work.effort), slopes=found)
+    if design.outcome == "none":
+        return design
+    return replace(design, estimate=observer.confine(plant, design, work.initial_errors))
+
+
+def _margin_needed(work: Work, design: Design) -> dict[str, Exact]:
+    """How far the estimate goes beyond the domain, with some room; empty where no level set shows it."""
+    start = work.initial_errors
+    transients = work.spec.observer.transients(work.plant(design), design) if start is not None else ()
+    if start is None or not transients:
+        return {}
+    bounds = min((transient(start) for transient in transients), key=lambda ends: max(float(end) for end in ends))
+    if not all(bound.is_finite() for bound in bounds):
+        return {}
+    return {name: Exact(upper_text(bound * _SPARE, 3)) for name, bound in zip(work.spec.plant.states, bounds, strict=True)}
 
 
 def check(work: Work) -> Check:
@@ -168,18 +227,25 @@ def _of_design(work: Work, design: Design, make: Callable[[Work, Design], T]) ->
 
 
 def _certify(work: Work, design: Design) -> Check:
-    from cdobs_cli.certify.slopes import slope_claims
+    from cdobs_cli.bounds.estimate import confinement_claim
+    from cdobs_cli.bounds.slopes import resolve, slope_claims, unbounded_claims
+    from cdobs_cli.certify.conditions import confined_bounds, with_conditions
 
     family = work.spec.observer
     if work.spec.plant.slopes.auto and not design.slopes:
         statement = f"The error converges: {design.reason or 'there is no design'}."
-        return Check((Claim("convergence", "consequence", "undecided", statement, family.source, required=True),))
+        convergence = Claim("convergence", "consequence", "undecided", statement, family.source, required=True)
+        return Check((convergence, *unbounded_claims(resolve(work.spec.plant)[0])))
     plant = work.plant(design)
     made = family.certify(plant, design, work.effort)
     premises = slope_claims(plant)
+    if plant.domain and design.outcome != "none":
+        premises += (confinement_claim(plant, design.estimate, family.transients(plant, design)),)
     if work.spec.coordinates is not None:
         premises = work.spec.coordinates.premises(premises)
-    return Check((*premises, *made.claims), made.bounds)
+    domain = work.spec.typed.domain if work.spec.typed else plant.domain
+    claims = with_conditions((*premises, *made.claims), plant, design.estimate, domain, disturbed=family.disturbed)
+    return Check(claims, confined_bounds(made.bounds, design.sampling, design.estimate))
 
 
 def simulate(work: Work) -> dict[str, Any] | None:
@@ -225,8 +291,8 @@ def _stored_simulation(work: Work, design: Design) -> dict[str, Any] | None:
     from cdobs_cli.simulate.agreement import agrees
     from cdobs_cli.simulate.archive import from_bytes
 
-    run, plant = from_bytes(archive, document), work.plant(design)
-    if not agrees(run, plant, work.spec.observer.observer(plant, design)):
+    run = from_bytes(archive, document)
+    if not agrees(run, _system(work, design)):
         raise _damaged(work, "simulation.json")
     work.run = run
     return document
@@ -238,13 +304,17 @@ def _damaged(work: Work, name: str) -> ArtefactError:
 
 
 def _new_run(work: Work, design: Design) -> Run:
-    from cdobs_cli.hybrid import HybridSystem
     from cdobs_cli.simulate.engine import simulate as engine
 
     assert work.spec.simulation is not None
+    return engine(_system(work, design), work.spec.simulation, design.sampling)
+
+
+def _system(work: Work, design: Design) -> HybridSystem:
+    from cdobs_cli.hybrid import HybridSystem
+
     plant = work.plant(design)
-    system = HybridSystem(plant, work.spec.observer.observer(plant, design))
-    return engine(system, work.spec.simulation, design.sampling)
+    return HybridSystem(plant, work.spec.observer.observer_as_run(plant, design), design.estimate.way == "open")
 
 
 def _write_run(work: Work, design: Design, run: Run) -> dict[str, Any]:

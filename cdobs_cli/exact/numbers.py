@@ -171,6 +171,11 @@ def upper_text(value: arb, digits: int = 12) -> str:
     return _directed(value.upper(), digits, ROUND_CEILING, "inf")
 
 
+def text_below(number: Exact) -> str:
+    """A decimal not above the number: the number itself where it is a decimal."""
+    return str(number) if number.rational is not None and "/" not in str(number) else lower_text(number.ball())
+
+
 def clipped(end: arb, *, up: bool) -> Fraction | None:
     """A rational on the given side of an exact finite ball, of bounded length; None where that is infinite.
 

@@ -78,14 +78,14 @@ def margin_text(text: str | None) -> str:
 
 
 def ends_text(bound: Bound) -> tuple[str, str]:
-    """Both ends of a bracket, shortened to two digits beyond those that they share."""
+    """Both ends of a bracket, each to its safe side, shortened to two digits beyond those that they share."""
     proved, refuted = float_or_none(bound.proved), float_or_none(bound.refuted)
-    smaller, digits = False, 6
+    digits = 6
     if proved is not None and refuted is not None and math.isfinite(proved) and math.isfinite(refuted):
-        smaller = proved > refuted
         gap = abs(proved - refuted) / max(abs(proved), abs(refuted), 1e-300)
         digits = 20 if gap == 0 else max(6, min(20, math.ceil(-math.log10(gap)) + 2))
-    return end_text(bound.proved, digits, up=smaller), end_text(bound.refuted, digits, up=not smaller)
+    less = bound.better == "less"
+    return end_text(bound.proved, digits, up=less), end_text(bound.refuted, digits, up=not less)
 
 
 def bracket_text(bound: Bound) -> str:
@@ -178,7 +178,7 @@ class Report:
     @cached_property
     def observer(self) -> Observer | None:
         """The observer's equations, where there is a design."""
-        return None if self.design.outcome == "none" else self.family.observer(self.plant, self.design)
+        return None if self.design.outcome == "none" else self.family.observer_as_run(self.plant, self.design)
 
     @cached_property
     def charts(self) -> tuple[Chart | Ladder, ...]:
@@ -248,8 +248,8 @@ class Report:
     def conditions(self) -> tuple[str, ...]:
         """What the headline takes for granted."""
         found = []
-        if self.domain:
-            found.append(f"The states stay where the slopes are claimed: {domain_text(self.domain)}.{self._invariance()}")
+        if self.domain and self.design.estimate.way != "everywhere":
+            found.append(self._assumption)
         if self.check is not None and self.status == "proved":
             bound = self.headline_bound
             if bound is not None and bound[0] == "period_max" and self.design.sampling.kind == "periodic":
@@ -261,12 +261,16 @@ class Report:
         """Where the slopes are claimed, in the states that the user typed."""
         return self.typed.domain if self.typed else self.plant.domain
 
-    def _invariance(self) -> str:
+    @property
+    def _assumption(self) -> str:
+        """What is taken for granted of the plant, and what is known of that."""
         claim = self.check.claim("domain_invariant") if self.check else None
-        if claim is None:
-            return ""
-        words = {"proved": "is proved", "refuted": "is refuted: they can leave it", "undecided": "is not decided"}
-        return f" That they do {words[claim.status]}."
+        stays = f"the plant stays in {domain_text(self.domain)}"
+        if claim is None or claim.status == "undecided":
+            return f"Assumed: {stays}."
+        if claim.status == "proved":
+            return f"Proved: {stays} once it is there."
+        return f"Assumed: {stays}. It can leave: {claim.statement.rpartition(': ')[2]}."
 
     @property
     def sources(self) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from cdobs_cli.certificate import Claim, Witness
+from cdobs_cli.certificate import Bound, Claim, Witness
 from cdobs_cli.chart import Table
 from cdobs_cli.report.blocks import Block, Bullets, Cell, Code, Grid, Listing, Mark, Mathematics, Paragraph, Picture, Section
 from cdobs_cli.report.ladder import Ladder
@@ -163,6 +163,7 @@ def _claims(report: Report) -> Section:
 
 _GROUPS = {
     "Required": "These decide the verdict.",
+    "Assumptions": "What is taken for granted of the plant where it is not proved; the verdict names it.",
     "Certificates": "Alternatives: one that fails refutes nothing.",
     "Further claims": "",
     "Printed in the paper": "The paper's own data put to the test; the verdict does not depend on them.",
@@ -172,7 +173,7 @@ _GROUPS = {
 def _group(claim: Claim) -> str:
     if claim.required:
         return "Required"
-    return {"certificate": "Certificates", "printed": "Printed in the paper"}.get(claim.kind, "Further claims")
+    return {"assumption": "Assumptions", "certificate": "Certificates", "printed": "Printed in the paper"}.get(claim.kind, "Further claims")
 
 
 def _claim_row(claim: Claim) -> tuple[Cell, ...]:
@@ -294,8 +295,12 @@ def _exhibits(report: Report) -> Section:
 
 
 def _table(table: Table) -> Grid:
-    rows = tuple(tuple(number_text(cell) for cell in row) for row in table.rows)
+    rows = tuple(tuple(text for cell in row for text in _cell_texts(cell)) for row in table.rows)
     return Grid(table.columns, rows, table.title, table.caption)
+
+
+def _cell_texts(cell: str | float | int | Bound | None) -> tuple[str, ...]:
+    return ends_text(cell) if isinstance(cell, Bound) else (number_text(cell),)
 
 
 def _expectations(report: Report) -> Section:

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cdobs_cli.hybrid import Observer
-from cdobs_cli.plant import Plant
+from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.run import Run, RunSummary, Trajectory
 from cdobs_cli.simulate.loop import View
 from cdobs_cli.simulate.summary import overall, summary
@@ -20,16 +19,17 @@ if TYPE_CHECKING:
 _ROUNDING = 1e-9
 
 
-def agrees(run: Run, plant: Plant, observer: Observer) -> bool:
+def agrees(run: Run, system: HybridSystem) -> bool:
     """Whether every run is one of this plant and observer, and its summary does not say better of it than its
     trajectory shows: measurements, periods, errors anew; divergence, leaving the domain and the margin of the
     inclusion at least as bad as on the grid (the integrator has looked at more points than are kept)."""
     return overall(run.summaries) == run.overall and all(
-        _is_of(one, plant, observer) and _agrees(one, plant, figures) for one, figures in zip(run.trajectories, run.summaries, strict=True)
+        _is_of(one, system) and _agrees(one, system, figures) for one, figures in zip(run.trajectories, run.summaries, strict=True)
     )
 
 
-def _is_of(one: Trajectory, plant: Plant, observer: Observer) -> bool:
+def _is_of(one: Trajectory, system: HybridSystem) -> bool:
+    plant, observer = system.plant, system.observer
     inputs = {source.name for source in plant.inputs}
     return (
         one.x.shape[1] == plant.n
@@ -40,16 +40,16 @@ def _is_of(one: Trajectory, plant: Plant, observer: Observer) -> bool:
     )
 
 
-def _agrees(one: Trajectory, plant: Plant, told: RunSummary) -> bool:
+def _agrees(one: Trajectory, system: HybridSystem, told: RunSummary) -> bool:
     with np.errstate(all="ignore"):
         nothing: NDArray[np.float64] = np.empty((0, len(one.t)))
         seen = View(one.x.T, {name: rows.T for name, rows in one.estimates.items()}, {}, {}, nothing, nothing)
-        shown = summary(plant.states, one, seen, told.inclusion_margin, diverged=told.diverged, left_domain=told.left_domain)
+        shown = summary(system.plant.states, one, seen, told.inclusion_margin, diverged=told.diverged, left_domain=told.left_domain)
         if not (shown.document().keys() == told.document().keys() and _are_close(shown, told)):
             return False
         error = distance(seen)
         diverges = error is not None and bool(np.any(error > DIVERGED * (1.0 + error[0]) * (1.0 + _ROUNDING)))
-        leaves = bool(outside_domain(plant, seen).any())
+        leaves = bool(outside_domain(system, seen).any())
         if (diverges and not told.diverged) or (told.diverged and one.stopped is None) or (leaves and not told.left_domain):
             return False
         if not seen.encloses:

@@ -36,7 +36,7 @@ def summarise(loop: ClosedLoop, watch: Watch, record: Record, final_t: Array, fi
         )  # fmt: skip
         trajectories.append(trajectory)
         margin = _margin(min(watch.margin[run], seen.margin.min()), seen) if seen.encloses else None
-        left_domain = bool(watch.left_domain[run]) or bool(outside_domain(loop.plant, seen).any())
+        left_domain = bool(watch.left_domain[run]) or bool(outside_domain(loop.system, seen).any())
         summaries.append(summary(loop.plant.states, trajectory, seen, margin, diverged=bool(watch.diverged[run]), left_domain=left_domain))
     return Run(tuple(trajectories), tuple(summaries), overall(summaries))
 

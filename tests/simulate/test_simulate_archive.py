@@ -105,15 +105,15 @@ def test_a_summary_of_wrong_types_is_an_artefact_error():
 def test_figures_that_the_trajectories_do_not_show_are_seen():
     system = pendulum()
     run = simulate(system, plan("2", [1, 0], [0, 0]), periodic("0.6"))
-    assert agrees(run, system.plant, system.observer)
+    assert agrees(run, system)
     for change in ({"measurements": 3}, {"error_final": 0.0}, {"rmse": {}}, {"period_max": 0.5}, {"diverged": True}, {"stopped": "early"}):
         better = replace(run.overall, **change)
-        assert not agrees(replace(run, summaries=(better,), overall=better), system.plant, system.observer)
+        assert not agrees(replace(run, summaries=(better,), overall=better), system)
     other = replace(run, overall=replace(run.overall, left_domain=True))
-    assert not agrees(other, system.plant, system.observer)
+    assert not agrees(other, system)
     apart = copy_observer(system.plant, ["30", "30"])
     lost = simulate(apart, plan("12", [1, 0], [0, 0]), periodic("0.6"))
     assert lost.overall.diverged
-    assert agrees(lost, apart.plant, apart.observer)
+    assert agrees(lost, apart)
     kept = replace(lost.overall, diverged=False)
-    assert not agrees(replace(lost, summaries=(kept,), overall=kept), apart.plant, apart.observer)
+    assert not agrees(replace(lost, summaries=(kept,), overall=kept), apart)

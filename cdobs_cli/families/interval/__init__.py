@@ -91,6 +91,7 @@ FeedbackField = Annotated[
 class Interval(Family):
     """`observer: {family: interval, ..}`."""
 
+    disturbed: ClassVar[bool] = True
     source: ClassVar[str] = "Efimov2016"
     example: ClassVar[str] = EXAMPLE
 

@@ -137,7 +137,7 @@ def _ladder(check: Check | None) -> list[Table]:
     if check is None:
         return []
     rows = [
-        (name.removeprefix("period_max.") if "." in name else "best", bound.proved, bound.refuted)
+        (name.removeprefix("period_max.") if "." in name else "best", bound)
         for name, bound in check.bounds.items()
         if name.split(".")[0] == "period_max"
     ]

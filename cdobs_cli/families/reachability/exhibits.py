@@ -135,18 +135,10 @@ def _times(matrix: ExactMatrix, factor: Fraction) -> ExactMatrix:
 
 
 def _ladder(check: Check) -> tuple[Table, ...]:
-    rows = tuple(
-        (name.removeprefix("period_max."), _number(bound.proved), _number(bound.refuted))
-        for name, bound in check.bounds.items()
-        if name.startswith("period_max")
-    )
+    rows = tuple((name.removeprefix("period_max."), bound) for name, bound in check.bounds.items() if name.startswith("period_max"))
     return (
         Table("periods", "Largest period by method", "What each method proves for this gain.", ("method", "proved", "refuted above"), rows),
     )
-
-
-def _number(text: str | None) -> float | None:
-    return None if text is None else float(text)
 
 
 def _notes(family: Reachability, plant: Plant, design: Design) -> tuple[str, ...]:

@@ -23,10 +23,10 @@ from cdobs_cli.families.fields import NonNegativeNumber, PositiveNumber, Rows, f
 
 if TYPE_CHECKING:
     from cdobs_cli.certificate import Check
-    from cdobs_cli.design import Design
+    from cdobs_cli.design import Confinement, Design
     from cdobs_cli.exact.numbers import ExactMatrix
     from cdobs_cli.hybrid import HybridInclusion, Observer
-    from cdobs_cli.plant import Plant
+    from cdobs_cli.plant import Box, Plant
     from cdobs_cli.run import Run, SimulationPlan
 
 
@@ -119,6 +119,11 @@ expect:
         from cdobs_cli.families.updated_sampling.member import free_member
 
         return free_member(plant, gain)
+
+    def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:
+        from cdobs_cli.design import Confinement
+
+        return Confinement("cut")
 
     def exhibits(self, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
         from cdobs_cli.families.updated_sampling.exhibits import exhibits

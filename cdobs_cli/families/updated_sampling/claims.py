@@ -60,8 +60,7 @@ def certify(family: UpdatedSampling, plant: Plant, design: Design, effort: int) 
             proved, by = True, certificate.method
     if not own and claims[3].status != "refuted":
         claims.append(Claim(f"{family.method}.P", "certificate", "undecided", f"{_wanted(family.method)}: none was found.", SOURCE))
-    where = ", as long as the state of the plant stays in its domain" if plant.domain else ""
-    statement = f"x_hat - x tends to 0 for every plant of the class with this c, whatever L(0) >= 1{where}"
+    statement = "x_hat - x tends to 0 for every plant of the class with this c, whatever L(0) >= 1"
     if claims[3].status == "refuted":
         conclusion = _convergence("refuted", statement, witness=claims[3].witness, method="the member f = 0 with L = 1")
     elif proved and premise.status == "proved" and bounded:
