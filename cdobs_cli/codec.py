@@ -30,7 +30,11 @@ def parse(content: bytes) -> Any:
     """
     try:
         value = json.loads(
-            content.decode("utf-8"), object_pairs_hook=_object, parse_constant=_refuse_constant, parse_float=_float, parse_int=_integer
+            content.decode("utf-8"),
+            object_pairs_hook=_object,
+            parse_constant=_refuse_constant,
+            parse_float=_float,
+            parse_int=_integer,
         )
     except RecursionError:
         raise ValueError("nested too deep") from None

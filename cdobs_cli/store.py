@@ -52,7 +52,9 @@ def sealed(document: Mapping[str, Any]) -> dict[str, Any]:
 def is_sealed(document: Mapping[str, Any]) -> bool:
     """Whether the document is what was sealed: schema version 1, and the digest of its content that it names."""
     named, version = document.get("digests"), document.get("schema_version")
-    if type(version) is not int or version != 1 or not isinstance(named, dict) or not all(isinstance(text, str) for text in named.values()):
+    if type(version) is not int or version != 1:  # True and 1.0 are equal to 1
+        return False
+    if not isinstance(named, dict) or not all(isinstance(text, str) for text in named.values()):
         return False
     content: str = sealed(document)["digests"][CONTENT]
     return named.get(CONTENT) == content

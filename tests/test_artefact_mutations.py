@@ -407,7 +407,11 @@ def test_a_run_with_other_trajectories_than_it_tells_of(folder: Path) -> None:
 
     whole = clean("reachability_chain3", folder)
     one = whole.run.trajectories[0]
-    for trajectory in (replace(one, x=one.x * 2), replace(one, x=one.x[:, :2]), replace(one, estimates={"x_lower": one.x})):
+    for trajectory in (
+        replace(one, x=one.x * 2),
+        replace(one, x=one.x[:, :2]),
+        replace(one, estimates={"x_lower": one.x}),
+    ):
         work = whole.work(folder / "edited")
         archive = to_bytes(replace(whole.run, trajectories=(trajectory,)))
         (folder / "edited" / "simulation.npz").write_bytes(archive)

@@ -46,7 +46,11 @@ def test_an_edited_artefact_is_refused_by_report_and_made_anew_by_run(here: Path
 def test_statuses_and_numbers_edited_in_a_check_do_not_reach_the_exit_code(here: Path) -> None:
     clean = bytes_of(here)
     path = here / "results" / "p" / "check.json"
-    for old, new in (('"verdict": "proved"', '"verdict": "refuted"'), ('"status": "proved"', '"status": "refuted"'), ('"0.', '"999.')):
+    for old, new in (
+        ('"verdict": "proved"', '"verdict": "refuted"'),
+        ('"status": "proved"', '"status": "refuted"'),
+        ('"0.', '"999.'),
+    ):
         path.write_text(clean["check.json"].decode().replace(old, new))
         assert command(here, "check").returncode == 0
         assert bytes_of(here) == clean
@@ -71,7 +75,12 @@ def plain_pages() -> None:
 
 def test_a_report_whose_mark_or_page_was_edited_is_made_anew(here: Path) -> None:
     folder = here / "results" / "p"
-    for name, content in ((".report.sha256", b"\xff"), ("report.html", b"proved"), ("report.md", b""), ("report.html", None)):
+    for name, content in (
+        (".report.sha256", b"\xff"),
+        ("report.html", b"proved"),
+        ("report.md", b""),
+        ("report.html", None),
+    ):
         (folder / name).unlink()
         if content is None:
             os.mkfifo(folder / name)
