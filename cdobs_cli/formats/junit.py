@@ -60,7 +60,7 @@ def _cases(result: Result) -> dict[str, list[Message]]:
         if claim["required"]:
             cases[claim["id"]] = []
     cases.update({name: [] for name in result.expected})
-    for message in result.messages:
+    for message in (message for message in result.messages if message.severity == "error"):
         name = message.field or message.rule if message.rule in ("expect", "spec") else message.rule
         cases.setdefault(name, []).append(message)
     return cases
