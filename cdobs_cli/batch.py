@@ -6,7 +6,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from cdobs_cli.errors import INTERRUPTED, ArtefactError, CdobsError, ExitCode, Problem, SpecError, ToolError, UsageError
 from cdobs_cli.outcome import Message, Result, exit_code, failure, judged, readable
+from cdobs_cli.printable import lines
 
 if TYPE_CHECKING:
     from cdobs_cli.console import Console
@@ -106,11 +107,11 @@ def run(job: Job, stages: tuple[str, ...], settings: Settings, tell: Tell | None
         result = Result(str(job.spec), "invalid", (Message("error", str(error), str(job.spec), rule="artefact"),))
     except CdobsError as error:
         result = failure(str(job.spec), str(error))
+    except OSError as error:
+        result = failure(str(job.spec), f"the system refuses: {error.strerror or error}{f': {error.filename}' if error.filename else ''}")
     except (Exception, RecursionError, MemoryError) as error:
         if settings.verbose:
-            import traceback
-
-            traceback.print_exc(file=sys.stderr)
+            _show_where(error)
         result = failure(str(job.spec), f"internal error, {type(error).__name__}: {error}; please report it (-v prints where it happened)")
     return replace(result, seconds=time.perf_counter() - start)
 
@@ -151,6 +152,13 @@ def _known(work: Work, job: Job, stages: tuple[str, ...], settings: Settings, *,
     messages = tuple(find(work.spec, documents, told))
     more = _told(work, job, stages, settings, told)
     return Result(str(job.spec), judged(messages), messages, **documents, **more, waiting=waiting)  # type: ignore[arg-type]
+
+
+def _show_where(error: BaseException) -> None:
+    import traceback
+
+    with suppress(OSError, ValueError):
+        print(lines("".join(traceback.format_exception(error))), file=sys.stderr)  # noqa: T201
 
 
 def _placed(problem: Problem, spec: Spec) -> Problem:

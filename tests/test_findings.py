@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from command import PENDULUM, forked
-from documents import parsed
+from documents import CHECKS
 
 from cdobs_cli.batch import Job, Settings, run
 from cdobs_cli.outcome import Result
@@ -64,7 +64,7 @@ def test_a_remark_is_no_finding_in_any_format(folder: Path, output: str) -> None
         assert 'failures="0" errors="0"' in done.stdout
     if output == "github":
         assert "::notice file=p.yaml" in done.stdout
-    parsed(output, done.stdout) if output != "text" else None
+    CHECKS[output](done.stdout, 0)
 
 
 def test_without_an_entry_about_it_the_verdict_is_expected_to_be_proved(tmp_path: Path) -> None:
