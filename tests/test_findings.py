@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import time
 from pathlib import Path
 
 import pytest
@@ -74,3 +76,30 @@ def test_without_an_entry_about_it_the_verdict_is_expected_to_be_proved(tmp_path
     assert forked(["check", "p.yaml", "--effort", "0"], tmp_path).returncode == 1
     (tmp_path / "p.yaml").write_text(spec + "expect: [{quantity: verdict, equals: refuted}]\n")
     assert forked(["check", "p.yaml", "--effort", "0"], tmp_path).returncode == 0
+
+
+@pytest.mark.parametrize("limit", ["0", "0.02", "0.1", "0.3", "0.6"])
+def test_a_time_limit_turns_an_answer_into_undecided_and_nothing_else(tmp_path: Path, limit: str) -> None:
+    """Wherever it strikes: what is stored by then is printed as it is stored, and the exit code is 0 or 1."""
+    (tmp_path / "p.yaml").write_text(PENDULUM)
+    done = forked(["run", "p.yaml", "--time-limit", limit, "--format", "json"], tmp_path)
+    document = CHECKS["json"](done.stdout, done.returncode)
+    (result,) = document["results"]
+    assert done.returncode in (0, 1)
+    assert bool(done.returncode) == any("undecided" in message["text"] for message in result["messages"])
+    for name in ("design", "check", "simulation"):
+        if result[name] is not None:
+            assert result[name] == json.loads((tmp_path / "results" / "p" / f"{name}.json").read_text())
+
+
+def test_a_stored_proof_is_told_when_the_time_runs_out_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def hang(*_: object) -> None:
+        time.sleep(60)
+
+    (tmp_path / "p.yaml").write_text(PENDULUM)
+    monkeypatch.setattr("cdobs_cli.pipeline.simulate", hang)
+    done = forked(["run", "p.yaml", "--time-limit", "8", "--format", "json"], tmp_path)
+    (result,) = json.loads(done.stdout)["results"]
+    assert done.returncode == 1
+    assert (result["design"]["outcome"], result["check"]["verdict"], result["simulation"]) == ("found", "proved", None)
+    assert "simulate, report not finished within 8 s" in result["messages"][-1]["text"]

@@ -25,6 +25,7 @@ from cdobs_cli.spec.boxes import MAX_STATES
 from cdobs_cli.spec.expect import Expectation, ExpectBlock, expect_problems, expectation
 from cdobs_cli.spec.measurement_block import MeasurementBlock, measurement_problems, sampling_law
 from cdobs_cli.spec.plant_block import MAX_PARAMETERS, PlantBlock, plant_problems, typed_plant
+from cdobs_cli.spec.plant_file import read_plant_file
 from cdobs_cli.spec.reader import MAX_PROBLEMS, Document, FieldPath, read, shown
 from cdobs_cli.spec.simulation_block import SimulationBlock, plan, simulation_problems
 
@@ -212,7 +213,7 @@ class _Loader:
             self.document.refused.add(("plant",))
             return
         try:
-            included = read(self.path.parent / name)
+            included = read_plant_file(self.path, name)
         except SpecError as error:
             self.problems += [self.included_problem(problem, at) for problem in error.problems]
             raise self.fail() from None
