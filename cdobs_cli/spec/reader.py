@@ -72,6 +72,13 @@ class Document:
             path = path[:-1]
         return self.values.get(path, Place(self.file, 1, 1))
 
+    def value(self, path: FieldPath) -> Any:
+        """What stands at a path that was typed."""
+        inside = self.root
+        for part in path:
+            inside = inside[part]
+        return inside
+
     def graft(self, at: FieldPath, other: Document) -> None:
         """Put another file's content in the place of the value at `at`."""
         container = self.root
