@@ -403,11 +403,11 @@ def _unusable(work: Work, name: str, what_for: str, *, is_whole: bool) -> Artefa
 
 def report_model(work: Work, digests: Mapping[str, str]) -> Report:
     """What there is to say of the artefacts made or read so far (a design at least)."""
-    from cdobs_cli.findings import decided
+    from cdobs_cli.findings import at_hand
     from cdobs_cli.report.model import build_report
 
     assert work.design is not None
-    told = [(str(outcome.expectation), outcome.holds, outcome.text) for outcome in decided(work.spec, documents(work), frozenset(STAGES))]
+    told = [(str(outcome.expectation), outcome.holds, outcome.text) for outcome in at_hand(work.spec, documents(work))]
     return build_report(
         name=readable(work.store.folder.name), title=readable(work.spec.title), spec_path=readable(str(work.spec.source_path)),
         plant=work.plant(work.design), family=work.spec.observer, design=work.design, check=work.check, run=work.run,

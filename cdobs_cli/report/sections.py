@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from shlex import quote
 from typing import Any
 
 from cdobs_cli.certificate import Bound, Claim, Witness
@@ -207,7 +208,7 @@ def _witnesses(report: Report) -> Section:
                 blocks.append(_data(claim.witness))
             blocks += [Picture(chart) for chart in report.charts if chart.name == witness_name(claim)]
             if claim.witness.kind in ("constant", "switching"):
-                blocks.append(Listing((f"cdobs simulate {report.spec_path} --witness {claim.id}",)))
+                blocks.append(Listing((f"cdobs simulate {quote(report.spec_path)} --witness {claim.id}",)))
     return Section("Counterexamples", tuple(blocks))
 
 
@@ -311,7 +312,7 @@ def _expectations(report: Report) -> Section:
 
 
 def _reproduce(report: Report) -> Section:
-    blocks: list[Block] = [Listing((f"cdobs run {report.spec_path}", f"cdobs check {report.spec_path}"))]
+    blocks: list[Block] = [Listing((f"cdobs run {quote(report.spec_path)}", f"cdobs check {quote(report.spec_path)}"))]
     if report.digests:
         rows: tuple[tuple[Cell, ...], ...] = tuple((name, Code(digest)) for name, digest in report.digests.items())
         blocks.append(Grid(("artefact", "sha256"), rows))
