@@ -111,6 +111,6 @@ def _of_simulation(spec: Spec, simulation: dict[str, Any] | None, named: set[str
 def _size(margin: float | None) -> str:
     if margin is None or margin >= 0:
         return "nothing"
-    from cdobs_cli.report.model import number_text
+    from cdobs_cli.report.numbers import number_text
 
     return number_text(-margin, 3)

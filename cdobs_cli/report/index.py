@@ -11,7 +11,8 @@ from html import escape
 from urllib.parse import quote
 
 from cdobs_cli.certificate import Bound
-from cdobs_cli.report.model import Report, bound_title, bracket_text, float_or_none, number_text
+from cdobs_cli.report.model import Report, bound_title
+from cdobs_cli.report.numbers import bracket_text, float_or_none, number_text
 from cdobs_cli.report.status import status_badge
 from cdobs_cli.report.style import page
 

@@ -10,18 +10,8 @@ from cdobs_cli.certificate import Bound, Claim, Witness
 from cdobs_cli.chart import Table
 from cdobs_cli.report.blocks import Block, Bullets, Cell, Code, Grid, Listing, Mark, Mathematics, Paragraph, Picture, Section
 from cdobs_cli.report.ladder import Ladder
-from cdobs_cli.report.model import (
-    NOTHING,
-    Report,
-    about_text,
-    bound_title,
-    domain_text,
-    end_text,
-    ends_text,
-    law_text,
-    margin_text,
-    number_text,
-)
+from cdobs_cli.report.model import Report, bound_title, domain_text, law_text
+from cdobs_cli.report.numbers import NOTHING, about_text, end_text, ends_text, margin_text, number_text
 from cdobs_cli.report.references import cited
 from cdobs_cli.report.systems import (
     flow_equations,
