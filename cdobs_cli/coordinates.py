@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isfinite
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from cdobs_cli.bounds.bounded import TRIAL, least_bound
 from cdobs_cli.bounds.definedness import defined, defined_claim
@@ -193,16 +193,18 @@ def derive(typed: TypedDynamics) -> tuple[Plant, Coordinates | None]:
     Raises:
         SpecError: no such coordinates are found, an output is not linear in them, an image has no bound.
     """
-    if typed.coordinates is None:
-        return _split(typed), None
+    try:
+        return (_split(typed), None) if typed.coordinates is None else _changed(typed, typed.coordinates)
+    except (ExpressionError, ZeroDivisionError) as error:
+        name = "dynamics" if typed.coordinates is None else "coordinates"
+        raise _wrong(name, f"the plant has no value: {error}") from None
+
+
+def _changed(typed: TypedDynamics, coordinates: CoordinateMap | Literal["lie"]) -> tuple[Plant, Coordinates]:
     n = len(typed.states)
     if n > MAX_TRANSFORMED:
         raise _wrong("coordinates", f"at most {MAX_TRANSFORMED} states can be transformed", str(n))
-    try:
-        change = _lie(typed) if typed.coordinates == "lie" else typed.coordinates
-        return _transformed(typed, change)
-    except (ExpressionError, ZeroDivisionError) as error:
-        raise _wrong("coordinates", f"the transformed plant has no value: {error}") from None
+    return _transformed(typed, _lie(typed) if coordinates == "lie" else coordinates)
 
 
 def _wrong(name: str, what: str, got: str | None = None, hint: str | None = None) -> SpecError:

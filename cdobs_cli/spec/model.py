@@ -117,7 +117,11 @@ def load(path: str | Path) -> Spec:
         SpecError: every mistake that was found, each with file, line and column.
     """
     path = Path(path)
-    document = read(path)
+    return load_document(read(path), path)
+
+
+def load_document(document: Document, path: Path) -> Spec:
+    """Check what was read. Raises: SpecError, as `load`."""
     loader = _Loader(document, path)
     with warnings.catch_warnings():
         # Python warns of odd literals in typed expressions; they are refused in our own words.
