@@ -13,9 +13,13 @@ from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify.bracket import largest_proved, smallest_refuted
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text
+from cdobs_cli.families.interval.analysis import declared_widths
 from cdobs_cli.families.interval.boundedness import Lmi15, find_lmi_15, find_w_star, lmi_15_limit, prove_hurwitz
+from cdobs_cli.families.interval.cone import Cone, ErrorSystem
+from cdobs_cli.families.interval.cone_search import find_cone
 from cdobs_cli.families.interval.held_loop import closed_loop, find_held_loop, held_inclusion, prove_held_loop
 from cdobs_cli.families.interval.hull import find_hull, prove_hull
+from cdobs_cli.families.interval.intersect import measured_rows
 from cdobs_cli.families.interval.positivity import PositivityLimit, positivity_limit
 from cdobs_cli.families.interval.theorem_2 import Theorem2, find_theorem_2, gain_limit, observer_loop, refute_theorem_2
 from cdobs_cli.families.interval.theorems import Coordinates, assumption_3, coordinates, error_flow, error_held, width_matrix
@@ -29,6 +33,9 @@ Gain = dict[str, ExactMatrix]
 
 _LMI_STATES, _THEOREM_2_STATES = 8, 3  # beyond these the paper's LMIs take longer than they are worth
 _FRONTIER = Fraction(1, 2000)
+_CONE_STATES, _CONE_FRONTIER = 6, Fraction(1, 50000)
+_ABOVE = Fraction(1, 10**6)  # how far above the limit of E(s) >= 0 a cone is first looked for
+_LONGER = 8  # steps of 1.6 beyond
 
 
 @dataclass(frozen=True)
@@ -88,7 +95,7 @@ def prove_feedback(plant: Plant, gain: Gain, law: SamplingLaw) -> ExactMatrix | 
 
 
 def certificates(plant: Plant, gain: Gain, law: SamplingLaw, family: Interval, effort: int) -> list[Certificate]:
-    """One for each statement that needs numbers: w*, LMI (15), the hull's weights, the held loop, Theorem 2."""
+    """One for each statement that needs numbers: w*, LMI (15), the hull's weights, cones, the held loop, Theorem 2."""
     views = Views.of(plant, gain)
     found = []
     w_star = find_w_star(width_matrix(views.floats.Q0, views.floats.Q1))
@@ -102,11 +109,55 @@ def certificates(plant: Plant, gain: Gain, law: SamplingLaw, family: Interval, e
     frontier = largest_hull(plant, gain, law) if family.tighten == "hull" else None
     if frontier is not None:
         found.append(Certificate("hull_frontier", frontier[0], {"w": frontier[1].texts()}))
+    if family.tighten != "hull" and plant.n <= _CONE_STATES:
+        found += cones(plant, gain, law, views, cut=family.tighten == "intersect")
     if "K_lower" in gain:
         found += _held_loop(plant, gain, law, effort)
         if not assumption_3(views.exact.Q1) and plant.n <= _THEOREM_2_STATES:
             found += _theorem_2(plant, gain, views, law, effort)
     return found
+
+
+def cones(plant: Plant, gain: Gain, law: SamplingLaw, views: Views, *, cut: bool) -> list[Certificate]:
+    """A cone of errors at the law, where E(s) >= 0 does not hold there, and one at the longest period found."""
+    limit = views.positivity
+    if limit.proved is None:
+        return []
+    errors, found = error_system(plant, gain, views, cut=cut), []
+    start: Exact | None = Exact(decimal_text(limit.proved * (1 + _ABOVE), 12)) if limit.proved > 0 else None
+    if not limit.holds_until(law.T_max.ball()):
+        at_law = find_cone(errors, law)
+        if at_law is not None:
+            found.append(Certificate("cone", law, at_law.document()))
+            start = law.T_max
+    frontier = None if start is None else longest_cone(errors, law, start)
+    if frontier is not None:
+        found.append(Certificate("cone_frontier", frontier[0], frontier[1].document()))
+    return found
+
+
+def error_system(plant: Plant, gain: Gain, views: Views, *, cut: bool) -> ErrorSystem:
+    """The errors with what drives them and what is cut of them."""
+    rows = measured_rows(plant.C.balls(), gain["S"].balls()) if cut else {}
+    return ErrorSystem.of(views.exact, *declared_widths(plant), tuple(rows))
+
+
+def longest_cone(errors: ErrorSystem, law: SamplingLaw, start: Exact) -> tuple[SamplingLaw, Cone] | None:
+    """The law with the largest period found from `start` on with a cone that is proved."""
+
+    def prove(T: Exact) -> Cone | None:
+        return find_cone(errors, law.with_period(T))
+
+    low = high = start
+    if prove(low) is None:
+        return None
+    for _ in range(_LONGER):
+        high = Exact(decimal_text(float(low) * 1.6, 12))
+        if prove(high) is None:
+            break
+        low = high
+    found = largest_proved(prove, low, high, _CONE_FRONTIER)
+    return None if found is None else (law.with_period(found[0]), found[1])
 
 
 def _lmi_15(views: Views, law: SamplingLaw) -> list[Certificate]:
