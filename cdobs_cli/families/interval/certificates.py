@@ -33,7 +33,7 @@ Gain = dict[str, ExactMatrix]
 
 _LMI_STATES, _THEOREM_2_STATES = 8, 3  # beyond these the paper's LMIs take longer than they are worth
 _FRONTIER = Fraction(1, 2000)
-_CONE_STATES, _CONE_FRONTIER = 6, Fraction(1, 50000)
+CONE_STATES, _CONE_FRONTIER = 6, Fraction(1, 50000)
 _ABOVE = Fraction(1, 10**6)  # how far above the limit of E(s) >= 0 a cone is first looked for
 _LONGER = 8  # steps of 1.6 beyond
 
@@ -109,7 +109,7 @@ def certificates(plant: Plant, gain: Gain, law: SamplingLaw, family: Interval, e
     frontier = largest_hull(plant, gain, law) if family.tighten == "hull" else None
     if frontier is not None:
         found.append(Certificate("hull_frontier", frontier[0], {"w": frontier[1].texts()}))
-    if family.tighten != "hull" and plant.n <= _CONE_STATES:
+    if family.tighten != "hull" and plant.n <= CONE_STATES:
         found += cones(plant, gain, law, views, cut=family.tighten == "intersect")
     if "K_lower" in gain:
         found += _held_loop(plant, gain, law, effort)
@@ -124,7 +124,7 @@ def cones(plant: Plant, gain: Gain, law: SamplingLaw, views: Views, *, cut: bool
     if limit.proved is None:
         return []
     errors, found = error_system(plant, gain, views, cut=cut), []
-    start: Exact | None = Exact(decimal_text(limit.proved * (1 + _ABOVE), 12)) if limit.proved > 0 else None
+    start: Exact | None = above(limit.proved) if limit.proved > 0 else None
     if not limit.holds_until(law.T_max.ball()):
         at_law = find_cone(errors, law)
         if at_law is not None:
@@ -134,6 +134,11 @@ def cones(plant: Plant, gain: Gain, law: SamplingLaw, views: Views, *, cut: bool
     if frontier is not None:
         found.append(Certificate("cone_frontier", frontier[0], frontier[1].document()))
     return found
+
+
+def above(limit: Fraction) -> Exact:
+    """The period just above the limit of E(s) >= 0 at which a cone is first looked for."""
+    return Exact(decimal_text(limit * (1 + _ABOVE), 12))
 
 
 def error_system(plant: Plant, gain: Gain, views: Views, *, cut: bool) -> ErrorSystem:
