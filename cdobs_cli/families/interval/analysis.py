@@ -76,6 +76,11 @@ class Analysis:
         """Whether measured rows of z are intersected with y at samples."""
         return self.family.tighten == "intersect"
 
+    @property
+    def is_hull(self) -> bool:
+        """Whether the observer run is the hull predictor."""
+        return self.family.tighten == "hull"
+
     @cached_property
     def errors(self) -> ErrorSystem:
         rows = measured_rows(self.plant.C.balls(), self.z.S) if self.cuts else {}

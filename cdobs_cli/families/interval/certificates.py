@@ -16,7 +16,7 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text
 from cdobs_cli.families.interval.analysis import declared_widths
 from cdobs_cli.families.interval.boundedness import Lmi15, find_lmi_15, find_w_star, lmi_15_limit, prove_hurwitz
 from cdobs_cli.families.interval.cone import Cone, ErrorSystem
-from cdobs_cli.families.interval.cone_search import find_cone
+from cdobs_cli.families.interval.cone_search import find_cone, likely_cones
 from cdobs_cli.families.interval.held_loop import closed_loop, find_held_loop, held_inclusion, prove_held_loop
 from cdobs_cli.families.interval.hull import find_hull, prove_hull
 from cdobs_cli.families.interval.intersect import measured_rows
@@ -35,7 +35,8 @@ _LMI_STATES, _THEOREM_2_STATES = 8, 3  # beyond these the paper's LMIs take long
 _FRONTIER = Fraction(1, 2000)
 CONE_STATES, _CONE_FRONTIER = 6, Fraction(1, 50000)
 _ABOVE = Fraction(1, 10**6)  # how far above the limit of E(s) >= 0 a cone is first looked for
-_LONGER = 8  # steps of 1.6 beyond
+_LONGER = 4  # how many times beyond it the longest is looked for
+_LESS = (Fraction(1, 10**5), Fraction(1, 10**4), Fraction(1, 10**3), Fraction(1, 100), Fraction(1, 10))
 
 
 @dataclass(frozen=True)
@@ -148,21 +149,23 @@ def error_system(plant: Plant, gain: Gain, views: Views, *, cut: bool) -> ErrorS
 
 
 def longest_cone(errors: ErrorSystem, law: SamplingLaw, start: Exact) -> tuple[SamplingLaw, Cone] | None:
-    """The law with the largest period found from `start` on with a cone that is proved."""
+    """The law with the largest period found from `start` on with a cone that is proved: the longest that floats find,
+    and somewhat less until it is."""
 
-    def prove(T: Exact) -> Cone | None:
-        return find_cone(errors, law.with_period(T))
+    def likely(T: Exact) -> bool | None:
+        return True if next(likely_cones(errors, law.with_period(T)), None) is not None else None
 
-    low = high = start
-    if prove(low) is None:
+    found = largest_proved(likely, start, Exact(decimal_text(float(start) * _LONGER, 12)), _CONE_FRONTIER)
+    if found is None:
         return None
-    for _ in range(_LONGER):
-        high = Exact(decimal_text(float(low) * 1.6, 12))
-        if prove(high) is None:
-            break
-        low = high
-    found = largest_proved(prove, low, high, _CONE_FRONTIER)
-    return None if found is None else (law.with_period(found[0]), found[1])
+    for less in (0, *_LESS):
+        T = Exact(decimal_text((found[0].rational or Fraction(float(found[0]))) * (1 - less), 9)) if less else found[0]
+        if float(T) < float(start):
+            T = start
+        cone = find_cone(errors, law.with_period(T))
+        if cone is not None:
+            return law.with_period(T), cone
+    return None
 
 
 def _lmi_15(views: Views, law: SamplingLaw) -> list[Certificate]:

@@ -39,7 +39,7 @@ def certify(family: Interval, plant: Plant, design: Design, effort: int) -> Chec
         a.z  # noqa: B018 - inverts S
     except (ZeroDivisionError, KeyError):
         return Check((_convergence(design, "undecided", "S has no inverse, so the bounds of x do not exist."),))
-    parts = {"contraction": _hull(a)} if family.tighten == "hull" else _enclosure(a)
+    parts = {"contraction": _hull(a)} if a.is_hull else _enclosure(a)
     if a.has_feedback:
         parts["separation"] = separation(a)
         theorem_2(a)
@@ -71,8 +71,9 @@ def _convergence(design: Design, status: Status, statement: str, by: str | None 
 
 def _consequence(a: Analysis, parts: dict[str, Status]) -> Claim:
     """Enclosure and boundedness from their parts."""
-    inside = "x stays between its bounds" if a.family.tighten == "hull" else "z = S x, and with it x, stays between its bounds"
+    inside = "x stays between its bounds" if a.is_hull else "z = S x, and with it x, stays between its bounds"
     what = f"{inside} from every box at the start, and the bounds stay bounded, for every sampling with {periods_text(a.law)}"
+    what += _driven(a.plant)
     what += ", with the feedback in the loop" if a.has_feedback else " and every bounded x (Assumption 1)"
     failed = {name: next(claim for claim in a.claims if claim.id == name) for name, status in parts.items() if status == "refuted"}
     refuted = [name for name, claim in failed.items() if not _is_cut(a, claim.witness)]
@@ -81,7 +82,7 @@ def _consequence(a: Analysis, parts: dict[str, Status]) -> Claim:
         return _convergence(
             a.design, "refuted", f"{what}: refuted, {a.reasons.get(refuted[0], claim.statement)}", refuted[0], claim.witness
         )
-    if a.departs and a.family.tighten != "hull":
+    if a.departs and not a.is_hull:
         reason = "; ".join(a.structure[:3])
         return _convergence(a.design, "undecided", f"{what}: Assumption 3 fails for these S and L, {reason}")
     if all(status == "proved" for status in parts.values()):
@@ -90,10 +91,16 @@ def _consequence(a: Analysis, parts: dict[str, Status]) -> Claim:
     return _convergence(a.design, "undecided", f"{what}: open, because {open_parts} is")
 
 
+def _driven(plant: Plant) -> str:
+    """What acts on plant and measurement meanwhile."""
+    declared = [name for name, box in (("disturbance", plant.disturbance), ("noise", plant.noise)) if box is not None]
+    return f" and every {' and '.join(declared)} within the declared bounds" if declared else " without disturbance and noise"
+
+
 def _is_cut(a: Analysis, witness: Witness | None) -> bool:
     """Whether a counterexample is a width of z in rows that the intersection with y cuts at every sample: it refutes
     the bounds without the intersection only."""
-    if a.family.tighten != "intersect" or witness is None:
+    if not a.cuts or witness is None:
         return False
     if "width" not in witness.data:
         return False

@@ -8,6 +8,7 @@ With c no larger, E(s) e >= 0 on each ray e_j + c_ij e_i; a little less leaves t
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from cdobs_cli.certify.falsify import exponentials
 from cdobs_cli.certify.lmi import Program, diagonal, full
-from cdobs_cli.exact.numbers import ExactMatrix, decimal_text
+from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.families.interval.cone import Cone, ErrorSystem
 from cdobs_cli.plant import SamplingLaw
 
@@ -37,20 +38,35 @@ def error_maps(errors: ErrorSystem, times: Array) -> Array | None:
         return None
     parts = exponentials(flow[None] * times[:, None, None])
     maps: Array = parts[:, :size, :size] + parts[:, :size, size:] @ N1
-    return maps
+    return maps if np.all(np.isfinite(maps)) else None
 
 
 def find_cone(errors: ErrorSystem, law: SamplingLaw, effort: int = 1) -> Cone | None:
     """A cone that is proved to enclose the errors under the law, with the weights of its size where they are proved
     too; None where none was found."""
-    rows = carried_rows(errors, float(law.T_max))
-    if rows is None:
-        return None
-    for share in _SHARES:
-        cone = Cone(_rounded_down(rows * np.where(rows > 0, share, 1.0)))
+    for cone in likely_cones(errors, law):
         if cone.proves_enclosure(errors, law, effort):
             return _with_shrinking(errors, cone, law, effort)
     return None
+
+
+def likely_cones(errors: ErrorSystem, law: SamplingLaw) -> Iterator[Cone]:
+    """Cones that floats find to hold the errors at some times, largest first."""
+    T = float(law.T_max)
+    times = np.concatenate([[T * 1e-4], T * np.arange(1, _PHASES + 1) / _PHASES])
+    E = error_maps(errors, times)
+    rows = None if E is None else carried_rows(errors, E)
+    if rows is None or E is None:
+        return
+    sampled = times >= float(law.T_min) * (1 - 1e-12)
+    for share in _SHARES:
+        cone = Cone(ExactMatrix.from_floats(rows * np.where(rows > 0, share, 1.0), _DIGITS))
+        if cone.rays is None or (cone.H.floats @ errors.start.floats).min() < 0:
+            continue
+        after, H = E @ cone.rays.floats, cone.H.floats
+        slack = _ROUNDING * np.abs(after).max()
+        if after.min() >= -slack and (H @ after[sampled]).min() >= -slack * np.abs(H).max():
+            yield cone
 
 
 def _with_shrinking(errors: ErrorSystem, cone: Cone, law: SamplingLaw, effort: int) -> Cone:
@@ -75,13 +91,12 @@ def find_unit(errors: ErrorSystem) -> ExactMatrix | None:
     return ExactMatrix.from_floats(u.reshape(-1, 1) / u.max(), _DIGITS)
 
 
-def carried_rows(errors: ErrorSystem, T: float) -> Array | None:
-    """The rows of H: c_i with -1 at i, for each i whose E_ii loses its sign by T; None where there is none, or
-    nothing to carry one."""
-    times = T * np.arange(1, _PHASES + 1) / _PHASES
-    E = error_maps(errors, times)
-    if E is None or not np.all(np.isfinite(E)):
-        return None
+def carried_rows(errors: ErrorSystem, E: Array) -> Array | None:
+    """The rows of H: c_i with -1 at i, for each i whose E_ii loses its sign; None where there is none.
+
+    Args:
+        E: E(s) at some s, shape (times, 2n, 2n).
+    """
     rows = []
     for i in range(errors.size):
         pulled = E[:, i, i] < 0
@@ -93,11 +108,6 @@ def carried_rows(errors: ErrorSystem, T: float) -> Array | None:
         row[i] = -1.0
         rows.append(row)
     return np.array(rows) if rows else None
-
-
-def _rounded_down(rows: Array) -> ExactMatrix:
-    """Short decimals."""
-    return ExactMatrix([[decimal_text(float(value), _DIGITS) for value in row] for row in rows])
 
 
 def find_weights(errors: ErrorSystem, cone: Cone, law: SamplingLaw) -> ExactMatrix | None:

@@ -18,9 +18,10 @@ _FAR = 0.01  # from where on disturbance and noise alone are tried too
 
 
 def positivity(a: Analysis) -> Status:
-    """Whether x stays between its bounds from every box of x(0) under the law."""
+    """Whether x stays between its bounds from every box of x(0) under the law; with the hull predictor the bounds
+    meant are those without it, which are not run: then there is no run to look for that loses the state."""
     limit, T = a.limit, a.law.T_max
-    text = f"x stays between its bounds from every box of x(0) for every {periods_text(a.law)}"
+    text = f"{_whose(a)}x stays between its bounds from every box of x(0) for every {periods_text(a.law)}"
     proved = "inf" if limit.proved is None else lower_text(fraction_ball(limit.proved))
     refuted = None if limit.refuted is None else upper_text(fraction_ball(limit.refuted))
     a.bounds["positivity_period_max.orthant"] = Bound(proved, refuted, method="exact condition E(s) >= 0", about="every box of z(0)")
@@ -32,7 +33,7 @@ def positivity(a: Analysis) -> Status:
     if a.cone is not None:
         text += f": the errors it starts stay in the cone {cone_text(a.cone)}, which E(s) maps into itself"
         return a.say("positivity", "certificate", "proved", text, _SOURCE, method="a cone of errors, ball arithmetic")
-    witness = find_crossing(a.plant, a.design.gain, a.law, cut=a.cuts)
+    witness = None if a.is_hull else find_crossing(a.plant, a.design.gain, a.law, cut=a.cuts)
     if witness is not None:
         method = "a box of x(0) and a word of periods, ball arithmetic"
         return a.say("positivity", "certificate", "refuted", text, _SOURCE, method=method, witness=witness, reason=crossing_text(witness))
@@ -40,6 +41,10 @@ def positivity(a: Analysis) -> Status:
         entry = limit.column % a.plant.n + 1
         text += f"; from a box of z(0) they need not: entry ({entry}, {entry}) of E is negative a time {refuted} after a sample"
     return a.say("positivity", "certificate", "undecided", text, _SOURCE)
+
+
+def _whose(a: Analysis) -> str:
+    return "without the hull predictor " if a.is_hull else ""
 
 
 def cone_text(cone: Cone) -> str:
@@ -76,7 +81,7 @@ def _enclosure_bracket(a: Analysis) -> None:
     for T in a.enclosed_by_cones():
         if T.ball() > proved:
             proved, method = T.ball(), "a cone of errors"
-    crossing = first_crossing(a, float(proved.upper()))
+    crossing = None if a.is_hull else first_crossing(a, float(proved.upper()))
     a.bounds["positivity_period_max"] = Bound(
         lower_text(proved), None if crossing is None else str(crossing), method=method, about="every box of x(0)"
     )
@@ -122,7 +127,7 @@ def boundedness(a: Analysis) -> Status:
     """
     if a.ordered:
         return _boundedness_in_order(a)
-    text = f"the width of the bounds stays bounded for every {periods_text(a.law)}, and settles"
+    text = f"{_whose(a)}the width of the bounds stays bounded for every {periods_text(a.law)}, and settles"
     if a.cone is not None and a.shrinks:
         return a.say("boundedness", "certificate", "proved", text, method="the errors in the cone shrink from sample to sample")
     if a.contracts and (a.cone is not None or not a.cuts):

@@ -13,7 +13,8 @@ from cdobs_cli.certify.bracket import largest_proved
 from cdobs_cli.certify.sylvester import is_observable, residual
 from cdobs_cli.design import Design, Outcome
 from cdobs_cli.exact.functions import fraction_ball
-from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, lower_text
+from cdobs_cli.exact.matrix import Matrix
+from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, lower_text, upper_text
 from cdobs_cli.families.interval.boundedness import final_width
 from cdobs_cli.families.interval.certificates import (
     CONE_STATES,
@@ -30,7 +31,6 @@ from cdobs_cli.families.interval.certificates import (
 )
 from cdobs_cli.families.interval.design import Search, Shape, printed
 from cdobs_cli.families.interval.held_loop import closed_loop, descriptor_design
-from cdobs_cli.families.interval.theorems import width_matrix
 from cdobs_cli.plant import Plant, SamplingLaw
 
 if TYPE_CHECKING:
@@ -178,8 +178,8 @@ def _trade_off(plant: Plant, search: Search, law: SamplingLaw) -> list[dict[str,
         proved = _proved_at(at, pair) if pair is not None else None
         if proved is not None:
             views = Views.of(at, proved[0])
-            width = final_width(views.floats, width_matrix(views.floats.Q0, views.floats.Q1), search.disturbance, search.noise)
-            points.append({"period": text, "width_sum": decimal_text(float(width.sum()), 6)})
+            width = final_width(views.exact, views.Mtot, *(Matrix.from_floats(box.tolist()) for box in (search.disturbance, search.noise)))
+            points.append({"period": text, "width_sum": upper_text(sum((arb(row[0]) for row in width.tolist()), arb(0)), 6)})
     return points
 
 
