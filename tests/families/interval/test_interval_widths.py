@@ -138,7 +138,7 @@ def test_the_intersected_width_of_the_pendulum_is_between_a_run_and_a_little_mor
     assert np.all(seen <= proved * (1 + 1e-9))
     assert np.all(proved < (1.6 if T == "0.1" else 1.8) * seen)
     plain = checked(at, PRINTED)
-    assert np.all(proved < 0.6 * np.array([float(plain.bounds[f"final_width.{name}"].proved) for name in at.states]))
+    assert np.all(proved < 0.7 * np.array([float(plain.bounds[f"final_width.{name}"].proved) for name in at.states]))
 
 
 @pytest.mark.parametrize("seed", range(4))
