@@ -14,12 +14,12 @@ from functools import cached_property
 from math import isfinite
 from typing import TYPE_CHECKING
 
+from cdobs_cli.bounds.bounded import TRIAL, least_bound
+from cdobs_cli.bounds.definedness import defined, defined_claim
+from cdobs_cli.bounds.differ import Comparison, compared
+from cdobs_cli.bounds.invariance import domain_invariant
+from cdobs_cli.bounds.region import Region, point_text
 from cdobs_cli.certificate import Claim, Status, Witness
-from cdobs_cli.certify.bounded import TRIAL, least_bound
-from cdobs_cli.certify.definedness import defined, defined_claim
-from cdobs_cli.certify.differ import Comparison, compared
-from cdobs_cli.certify.invariance import domain_invariant
-from cdobs_cli.certify.region import Region, point_text
 from cdobs_cli.errors import Problem, SpecError
 from cdobs_cli.exact.expression import ZERO, Expression, ExpressionError, Number, Variable
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text
@@ -140,7 +140,7 @@ class Coordinates:
 
     def diffeomorphism(self) -> Claim:
         """det dT/dx is bounded away from 0 over the typed domain."""
-        from cdobs_cli.certify.definedness import bounded_away
+        from cdobs_cli.bounds.definedness import bounded_away
 
         jacobian = [[simplify(one.derivative(name)) for name in self.states] for one in self.map]
         det = simplify(determinant(jacobian))

@@ -11,7 +11,8 @@ from html import escape
 from urllib.parse import quote
 
 from cdobs_cli.certificate import Bound
-from cdobs_cli.report.model import Report, bound_title, bracket_text, float_or_none, number_text
+from cdobs_cli.report.model import Report, bound_title
+from cdobs_cli.report.numbers import bracket_text, float_or_none, number_text
 from cdobs_cli.report.status import status_badge
 from cdobs_cli.report.style import page
 
@@ -90,7 +91,8 @@ def index_page(entries: Sequence[IndexEntry], title: str = "Observers") -> bytes
         f'<table class="index"><thead><tr>{head}</tr></thead><tbody>\n{rows}\n</tbody></table>\n'
         '<p class="caption">Bracket: what is proved (solid) and what is refuted (hatched); all bars share one scale.</p>'
     )
-    return page(escape(title), body, wide=True, script=_SORT).encode()
+    # The small pictures are files beside the page, on a server or on a disk.
+    return page(escape(title), body, wide=True, script=_SORT, images="'self' file: data:").encode()
 
 
 def _row(entry: IndexEntry, largest: float) -> str:

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
+from hashlib import sha256
+
+from cdobs_cli import printable
+
 STYLE = """
 :root { color-scheme: light dark; --ink: #1b1f24; --soft: #57606a; --line: #d5dbe1; --paper: #ffffff; --panel: #f5f7f9;
   --proved: #00694c; --proved-bg: #e0f4ec; --refuted: #a33f00; --refuted-bg: #fdeadd; --undecided: #5c4b00; --undecided-bg: #faf3cf; }
@@ -98,13 +103,26 @@ svg.bracket { width: 9rem; height: 1.6rem; display: block; }
 """
 
 
-def page(title: str, body: str, *, wide: bool = False, script: str = "") -> str:
-    """A whole HTML page; `title` and `body` are escaped already."""
+def page(title: str, body: str, *, wide: bool = False, script: str = "", images: str = "data:") -> str:
+    """A whole HTML page; `title` and `body` are escaped already. Nothing is fetched but `images` (sources of a
+    Content-Security-Policy), and nothing is run but `script`."""
     width = ' class="wide"' if wide else ""
     code = f"<script>{script}</script>\n" if script else ""
-    return (
+    return printable.page(
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy(script, images)}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f'<link rel="icon" href="data:,">\n<title>{title}</title>\n<style>{STYLE}</style>\n</head>\n'
         f"<body>\n<main{width}>\n{body}\n</main>\n{code}</body>\n</html>\n"
     )
+
+
+def policy(script: str, images: str) -> str:
+    """The Content-Security-Policy of a page: its own styles (figures have some on every element), this one script."""
+    scripts = f" script-src {source_hash(script)};" if script else ""
+    return f"default-src 'none'; style-src 'unsafe-inline'; img-src {images};{scripts} base-uri 'none'; form-action 'none'"
+
+
+def source_hash(script: str) -> str:
+    """How a policy names a script: by its digest."""
+    return f"'sha256-{b64encode(sha256(script.encode()).digest()).decode()}'"

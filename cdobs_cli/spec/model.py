@@ -13,6 +13,7 @@ from pydantic import BaseModel, Field
 from pydantic_core import PydanticCustomError
 
 from cdobs_cli.errors import Problem, SpecError
+from cdobs_cli.exact.budget import READING, WorkError, budget
 from cdobs_cli.exact.expression import Expression, Number
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import nearest
@@ -25,6 +26,7 @@ from cdobs_cli.spec.boxes import MAX_STATES
 from cdobs_cli.spec.expect import Expectation, ExpectBlock, expect_problems, expectation
 from cdobs_cli.spec.measurement_block import MeasurementBlock, measurement_problems, sampling_law
 from cdobs_cli.spec.plant_block import MAX_PARAMETERS, PlantBlock, plant_problems, typed_plant
+from cdobs_cli.spec.plant_file import read_plant_file
 from cdobs_cli.spec.reader import MAX_PROBLEMS, Document, FieldPath, read, shown
 from cdobs_cli.spec.simulation_block import SimulationBlock, plan, simulation_problems
 
@@ -109,15 +111,22 @@ def canonical(value: Any) -> Any:
 def load(path: str | Path) -> Spec:
     """Read and check a spec.
 
+    The work is bounded: see `exact.budget`.
+
     Raises:
         SpecError: every mistake that was found, each with file, line and column.
     """
     path = Path(path)
     document = read(path)
+    loader = _Loader(document, path)
     with warnings.catch_warnings():
         # Python warns of odd literals in typed expressions; they are refused in our own words.
         warnings.simplefilter("ignore")
-        return _Loader(document, path).load()
+        try:
+            with budget(READING):
+                return loader.load()
+        except WorkError as error:
+            raise loader.too_much(error) from None
 
 
 class _Loader:
@@ -138,6 +147,13 @@ class _Loader:
             more = Problem((), f"{len(told) - MAX_PROBLEMS} more mistakes are not shown", file=own)
             told = [*told[:MAX_PROBLEMS], more]
         return SpecError(tuple(told))
+
+    def too_much(self, error: WorkError) -> SpecError:
+        """Where the work is used up: coordinates cost most, and their user can save it."""
+        at: FieldPath = ("plant", "coordinates") if ("plant", "coordinates") in self.document.values else ("plant",)
+        hint = "type `map` and `inverse`" if self.document.value(at) == "lie" else "shorten the expressions"
+        self.problems.append(Problem(at, str(error), hint=hint))
+        return self.fail()
 
     @property
     def failed(self) -> bool:
@@ -212,7 +228,7 @@ class _Loader:
             self.document.refused.add(("plant",))
             return
         try:
-            included = read(self.path.parent / name)
+            included = read_plant_file(self.path, name)
         except SpecError as error:
             self.problems += [self.included_problem(problem, at) for problem in error.problems]
             raise self.fail() from None

@@ -91,6 +91,7 @@ FeedbackField = Annotated[
 class Interval(Family):
     """`observer: {family: interval, ..}`."""
 
+    disturbed: ClassVar[bool] = True
     source: ClassVar[str] = "Efimov2016"
     example: ClassVar[str] = EXAMPLE
 
@@ -104,6 +105,14 @@ class Interval(Family):
         from cdobs_cli.families.interval.structure import problems
 
         return problems(self, plant, simulation)
+
+    def given(self) -> Mapping[str, ExactMatrix | None]:
+        letters: dict[str, ExactMatrix | None] = {"S": self.gain.S if self.gain else None, "L": self.gain.L if self.gain else None}
+        if self.feedback == "design":
+            letters |= {"K_lower": None, "K_upper": None}
+        elif self.feedback != "none":
+            letters |= {"K_lower": self.feedback.K_lower, "K_upper": self.feedback.K_upper}
+        return letters
 
     def controlled(self, inputs: tuple[str, ...]) -> frozenset[str]:
         return frozenset() if self.feedback == "none" else frozenset(inputs)

@@ -11,6 +11,7 @@ import numpy as np
 
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify.bracket import largest_proved, smallest_refuted
+from cdobs_cli.certify.sylvester import residual
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text
 from cdobs_cli.families.interval.analysis import declared_widths
@@ -60,6 +61,19 @@ class Views:
     @property
     def Mtot(self) -> Matrix:
         return width_matrix(self.exact.Q0, self.exact.Q1)
+
+
+def sylvester_residuals(plant: Plant, gain: Mapping[str, ExactMatrix], rates: Array, directions: Array) -> tuple[float, float]:
+    """How well the printed T solves T A - Lambda T = G C, and the printed L its equation: both relative."""
+    p = plant.p
+    z = Views.of(plant, gain).floats
+    wanted = np.zeros_like(z.Q1)
+    wanted[:p, :p] = np.diag(np.diag(z.Q1)[:p])
+    largest = float(np.abs(z.Q1).max()) or 1.0
+    return (
+        residual(plant.A.floats, plant.C.floats, gain["S"].floats[p:], rates, directions),
+        float(np.abs(z.Q1 - wanted).max()) / largest,
+    )
 
 
 def proved_w_star(views: Views) -> ExactMatrix | None:

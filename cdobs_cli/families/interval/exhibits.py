@@ -29,7 +29,7 @@ def exhibits(family: Interval, plant: Plant, design: Design, check: Check | None
     if design.outcome == "none":
         return Exhibits()
     charts = [width_chart(plant, check, run), positivity_chart(plant, design, check), trade_off_chart(design, check)]
-    tables = [comparison_table(family, plant, design, check), sylvester_table(design)]
+    tables = [comparison_table(family, plant, design, check), sylvester_table(plant, design)]
     return Exhibits(tuple(chart for chart in charts if chart), tuple(table for table in tables if table), _notes(check))
 
 
@@ -77,19 +77,23 @@ def positivity_chart(plant: Plant, design: Design, check: Check | None) -> Chart
 
 
 def trade_off_chart(design: Design, check: Check | None) -> Chart | None:
-    """Least proved width sum against the largest period; each point is a design of its own."""
-    points = design.details.get("trade_off") or []
+    """Least width sum found against the largest period; each point is a design of its own."""
+    try:
+        points = [(float(point["period"]), float(point["width_sum"])) for point in design.details.get("trade_off") or []]
+    except (KeyError, TypeError, ValueError):  # not what synthesis writes
+        return None
     if len(points) < 2:
         return None
-    periods, widths = ([float(point[name]) for point in points] for name in ("period", "width_sum"))
+    periods, widths = zip(*points, strict=True)
     series = [
         Series("least width found", periods, widths, "line", "other"),
-        Series("proved designs", periods, widths, "points", "proved"),
+        Series("designs", periods, widths, "points", "other"),
     ]
     own = check.bounds.get("final_width") if check is not None else None
     if own is not None and own.proved is not None:
         series.append(Series("this design", (float(design.sampling.T_max),), (float(own.proved),), "points", "estimate"))
-    caption = "Sum of the final widths against the largest sampling period; each point is an S and L of its own, with its proof."
+    caption = "Sum of the final widths against the largest sampling period; each point is an S and L of its own, proved when it "
+    caption += "was found; what `check` proves again is this design."
     panel = Panel("largest sampling period (s)", "sum of final widths", tuple(series), y_scale="log")
     return Chart("trade_off", "Period against width", caption, (panel,))
 
@@ -111,14 +115,21 @@ def comparison_table(family: Interval, plant: Plant, design: Design, check: Chec
     return Table("widths", "Ways to tighten the bounds", caption, ("bounds", *plant.states, "sum"), tuple(rows))
 
 
-def sylvester_table(design: Design) -> Table | None:
-    """Rates of the Sylvester equation and what its printed solution leaves."""
+def sylvester_table(plant: Plant, design: Design) -> Table | None:
+    """Rates of the Sylvester equation, and what its printed solution leaves, computed anew."""
+    from cdobs_cli.families.interval.certificates import sylvester_residuals
+
     found = design.details.get("sylvester")
     if not found:
         return None
-    rows: list[tuple[str | float, ...]] = [(f"rate {k + 1}", float(rate)) for k, rate in enumerate(found["rates"])]
-    rows.append(("residual of T A - Lambda T = G C, relative", float(found["residual"])))
-    rows.append(("S L C S^-1 off its diagonal block, relative", float(found["residual_structure"])))
+    try:
+        rates, directions = np.array(found["rates"], float), np.array(found["directions"], float)
+        solved, structure = sylvester_residuals(plant, design.gain, rates, directions)
+    except (KeyError, TypeError, ValueError):  # not what synthesis writes
+        return None
+    rows: list[tuple[str | float, ...]] = [(f"rate {k + 1}", float(rate)) for k, rate in enumerate(rates)]
+    rows.append(("residual of T A - Lambda T = G C, relative", solved))
+    rows.append(("S L C S^-1 off its diagonal block, relative", structure))
     caption = "S = [C; T] in printed decimals. The residuals do not matter for the proofs, which read the printed numbers."
     return Table("sylvester", "Sylvester equation", caption, ("quantity", "value"), tuple(rows))
 

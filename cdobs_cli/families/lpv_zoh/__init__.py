@@ -8,7 +8,7 @@ w = C (e - e(t_k)), P and U Lyapunov and Wirtinger matrices, Y = P L, sigma the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -18,12 +18,13 @@ from cdobs_cli.families.base import Family
 from cdobs_cli.families.fields import Rows
 
 if TYPE_CHECKING:
+    from cdobs_cli.bounds.estimate import Transient
     from cdobs_cli.certificate import Check
     from cdobs_cli.chart import Exhibits
-    from cdobs_cli.design import Design
+    from cdobs_cli.design import Confinement, Design
     from cdobs_cli.exact.numbers import ExactMatrix
     from cdobs_cli.hybrid import HybridInclusion, Observer
-    from cdobs_cli.plant import Plant
+    from cdobs_cli.plant import Box, Plant
     from cdobs_cli.run import Run, SimulationPlan
 
 
@@ -78,6 +79,7 @@ expect:
     family: Literal["lpv_zoh"] = "lpv_zoh"
     objective: Literal["given_period", "max_period", "decay_rate"] = "given_period"
     method: Literal["best", "clock", "wirtinger", "repaired", "theorem_1"] = "best"
+    saturate: bool | Literal["auto"] = "auto"
     gain: Gain | None = None
     printed: PrintedData | None = None
 
@@ -85,6 +87,9 @@ expect:
         from cdobs_cli.families.lpv_zoh.structure import problems
 
         return problems(self, plant)
+
+    def given(self) -> Mapping[str, ExactMatrix | None]:
+        return {"L": self.gain.L if self.gain else None}
 
     def synthesize(self, plant: Plant, effort: int) -> Design:
         from cdobs_cli.families.lpv_zoh.synthesis import synthesize
@@ -105,6 +110,16 @@ expect:
         from cdobs_cli.families.lpv_zoh.observer import inclusion
 
         return inclusion(plant, gain)
+
+    def transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
+        from cdobs_cli.families.lpv_zoh.levels import levels
+
+        return tuple(level.bounds for level in levels(plant, design))
+
+    def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:
+        from cdobs_cli.bounds.estimate import confine
+
+        return confine(plant, self.saturate, self.transients(plant, design), start)
 
     def exhibits(self, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
         from cdobs_cli.families.lpv_zoh.exhibits import exhibits

@@ -8,7 +8,7 @@ Phi_V(delta), P or Q the Lyapunov matrix, W = P K.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
@@ -18,12 +18,13 @@ from cdobs_cli.families.base import Family
 from cdobs_cli.families.fields import ExpressionInDelta, Rows
 
 if TYPE_CHECKING:
+    from cdobs_cli.bounds.estimate import Transient
     from cdobs_cli.certificate import Check
     from cdobs_cli.chart import Exhibits
-    from cdobs_cli.design import Design
+    from cdobs_cli.design import Confinement, Design
     from cdobs_cli.exact.numbers import ExactMatrix
     from cdobs_cli.hybrid import HybridInclusion, Observer
-    from cdobs_cli.plant import Plant
+    from cdobs_cli.plant import Box, Plant
     from cdobs_cli.run import Run, SimulationPlan
 
 MAX_STATES = 8
@@ -97,12 +98,16 @@ class Reachability(Family):
     objective: Literal["given_period", "max_period", "decay_rate"] = "given_period"
     method: Literal["best", "set", "clock"] = "best"
     set: TypedSet = "clarke"
+    saturate: bool | Literal["auto"] = "auto"
     gain: Gain | None = None
 
     def problems(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:
         from cdobs_cli.families.reachability.structure import problems
 
         return problems(self, plant)
+
+    def given(self) -> Mapping[str, ExactMatrix | None]:
+        return {"K": self.gain.K if self.gain else None}
 
     def synthesize(self, plant: Plant, effort: int) -> Design:
         from cdobs_cli.families.reachability.synthesis import synthesize
@@ -123,6 +128,16 @@ class Reachability(Family):
         from cdobs_cli.families.reachability.observer import inclusion
 
         return inclusion(plant, gain)
+
+    def transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
+        from cdobs_cli.families.reachability.levels import levels
+
+        return tuple(level.bounds for level in levels(plant, design))
+
+    def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:
+        from cdobs_cli.bounds.estimate import confine
+
+        return confine(plant, self.saturate, self.transients(plant, design), start)
 
     def exhibits(self, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
         from cdobs_cli.families.reachability.exhibits import exhibits

@@ -23,11 +23,14 @@ from cdobs_cli.families.fields import NonNegativeNumber, PositiveNumber, Rows, f
 
 if TYPE_CHECKING:
     from cdobs_cli.certificate import Check
-    from cdobs_cli.design import Design
+    from cdobs_cli.design import Confinement, Design
     from cdobs_cli.exact.numbers import ExactMatrix
     from cdobs_cli.hybrid import HybridInclusion, Observer
-    from cdobs_cli.plant import Plant
+    from cdobs_cli.plant import Box, Plant
     from cdobs_cli.run import Run, SimulationPlan
+
+
+_SCALARS = ("alpha", "a1", "a2", "a3")
 
 
 class Gain(BaseModel):
@@ -89,6 +92,13 @@ expect:
 
         return problems(self, plant)
 
+    def given(self) -> Mapping[str, ExactMatrix | None]:
+        from cdobs_cli.exact.numbers import ExactMatrix
+
+        typed = {"alpha": self.alpha} | ({name: getattr(self.gain, name) for name in _SCALARS} if self.gain else {})
+        letters = {name: None if (number := typed.get(name)) is None else ExactMatrix([[number]]) for name in _SCALARS}
+        return {"K": self.gain.K if self.gain else None, **letters}
+
     def synthesize(self, plant: Plant, effort: int) -> Design:
         from cdobs_cli.families.updated_sampling.synthesis import synthesize
 
@@ -109,6 +119,11 @@ expect:
         from cdobs_cli.families.updated_sampling.member import free_member
 
         return free_member(plant, gain)
+
+    def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:
+        from cdobs_cli.design import Confinement
+
+        return Confinement("cut")
 
     def exhibits(self, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
         from cdobs_cli.families.updated_sampling.exhibits import exhibits

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from flint import arb
 
-from cdobs_cli.certify.region import Region
+from cdobs_cli.bounds.region import Region
 from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.functions import fraction_ball
