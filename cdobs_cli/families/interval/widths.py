@@ -36,7 +36,7 @@ def final_widths(a: Analysis, parts: dict[str, Status]) -> None:
     }
     for name, value in rows.items():
         about = "sum over the states" if name == "final_width" else None
-        a.bounds[name] = Bound(upper_text(value), lower_text(value) if exact else None, unit="", method=method, about=about)
+        a.bounds[name] = Bound(upper_text(value), lower_text(value) if exact else None, unit="", method=method, about=about, better="less")
 
 
 def ordered_width(a: Analysis, disturbance: Matrix, noise: Matrix) -> Matrix | None:
