@@ -197,7 +197,7 @@ def _witnesses(report: Report) -> Section:
             if claim.witness.data:
                 blocks.append(_data(claim.witness))
             blocks += [Picture(chart) for chart in report.charts if chart.name == witness_name(claim)]
-            if claim.witness.kind in ("constant", "switching"):
+            if claim.witness.kind in ("constant", "switching", "box"):
                 blocks.append(Listing((f"cdobs simulate {quote(report.spec_path)} --witness {claim.id}",)))
     return Section("Counterexamples", tuple(blocks))
 
@@ -207,6 +207,7 @@ def witness_text(witness: Witness) -> str:
     kind = {
         "constant": "constant slopes defeat the claim", "switching": "slopes that switch defeat the claim",
         "vector": "a vector defeats the claim", "point": "a point of the domain defeats the claim",
+        "box": "a box of x(0) and a word of sampling periods defeat the claim",
     }[witness.kind]  # fmt: skip
     if witness.kind == "constant" and not any(witness.values):
         kind = "sampling at this period defeats the claim"
