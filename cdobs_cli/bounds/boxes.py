@@ -229,7 +229,7 @@ def rational_power(x: Ends, exponent: Fraction) -> Ends:
 
 
 def _jump(low_value: float) -> Callable[[Ends], Ends]:
-    """`sign` or `step`: the value almost everywhere on the box, see exact/ranges.py."""
+    """`sign` or `step`: the value almost everywhere on the box, see bounds/ranges.py."""
 
     def ends(x: Ends) -> Ends:
         kink = (x[0] == 0) & (x[1] == 0)
