@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from cdobs_cli.errors import INTERRUPTED, ArtefactError, CdobsError, ExitCode, Problem, SpecError, ToolError, UsageError
 from cdobs_cli.exact.budget import WorkError
-from cdobs_cli.outcome import Message, Result, exit_code, failure, judged, readable
+from cdobs_cli.outcome import Job, Message, Result, exit_code, failure, judged, readable
 from cdobs_cli.printable import lines
 
 if TYPE_CHECKING:
@@ -26,15 +26,6 @@ if TYPE_CHECKING:
 Tell = Callable[[Result], None]
 SPEC_SUFFIXES = (".yaml", ".yml")
 PLANT_SUFFIXES = (".plant.yaml", ".plant.yml")
-
-
-@dataclass(frozen=True)
-class Job:
-    """One spec and the folder of its artefacts; or a path that cannot be carried out, and why."""
-
-    spec: Path
-    folder: Path
-    refused: str | None = None
 
 
 @dataclass(frozen=True)
