@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Tag
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.families.base import Family
-from cdobs_cli.families.fields import Rows
+from cdobs_cli.fields import Rows
 
 if TYPE_CHECKING:
     from cdobs_cli.certificate import Check

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.families.base import Family
-from cdobs_cli.families.fields import Rows
+from cdobs_cli.fields import Rows
 
 if TYPE_CHECKING:
     from cdobs_cli.bounds.estimate import Transient

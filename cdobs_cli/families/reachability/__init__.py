@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.families.base import Family
-from cdobs_cli.families.fields import ExpressionInDelta, Rows
+from cdobs_cli.fields import ExpressionInDelta, Rows
 
 if TYPE_CHECKING:
     from cdobs_cli.bounds.estimate import Transient

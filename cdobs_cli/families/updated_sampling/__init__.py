@@ -19,7 +19,7 @@ from cdobs_cli.chart import Exhibits
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.families.base import Family
-from cdobs_cli.families.fields import NonNegativeNumber, PositiveNumber, Rows, formula
+from cdobs_cli.fields import NonNegativeNumber, PositiveNumber, Rows, formula
 
 if TYPE_CHECKING:
     from cdobs_cli.certificate import Check
