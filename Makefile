@@ -37,7 +37,7 @@ $(VENV)/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed, this is " + sys.version) if sys.version_info < (3, 11) else 0'
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/installed: requirements.lock pyproject.toml $(shell find cdobs_cli -name '*.py' -o -name '*.bib') | $(VENV)/bin/python
+$(VENV)/installed: requirements.lock pyproject.toml $(shell find cdobs_cli -type f -not -name '*.pyc') | $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet --requirement requirements.lock
 	$(BIN)/python -m pip install --quiet --no-deps .
 	@touch $@

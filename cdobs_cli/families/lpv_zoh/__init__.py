@@ -51,30 +51,6 @@ class LpvZeroOrderHold(Family):
     """`observer: {family: lpv_zoh, ..}`."""
 
     source: ClassVar[str] = "Boukal2020"
-    example: ClassVar[str] = """\
-spec_version: 1
-title: Double integrator with a sine, measured at most every 1.2 s
-plant:
-  states: [x1, x2]
-  A: [[0, 1], [0, 0]]
-  phi: ["0", "0.3*sin(x1)"]
-  lipschitz: [[0, 0], [0.3, 0]]      # |d phi_2 / d x_1| <= 0.3; an entry may be [lo, hi] or auto
-measurement:
-  C: [[1, 0]]
-  sampling: {max_period: 1.2}        # any T_k up to 1.2; or {period: 1.2}, {min_period: 0.5, max_period: 1.2}
-observer:
-  family: lpv_zoh
-  objective: given_period            # or max_period, decay_rate
-  method: best                       # or clock, wirtinger, repaired, theorem_1
-  # gain: {L: [[1.2], [0.4]]}        # given: analyse this one; absent: find one
-  # printed: {P: [[..]], Y: [[..]]}  # data of Theorem 1 of Boukal2020 to put to the test
-simulation:
-  horizon: 30
-  initial_state: [1, 0]
-  initial_estimate: [0, 0.5]
-expect:
-  - {quantity: bounds.period_max.proved, at_least: 1.2}
-"""
 
     family: Literal["lpv_zoh"] = "lpv_zoh"
     objective: Literal["given_period", "max_period", "decay_rate"] = "given_period"
