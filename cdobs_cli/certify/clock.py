@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from flint import arb
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify import common_quadratic, dead_beat
+from cdobs_cli.certify import common_quadratic, dead_beat, polygon
 from cdobs_cli.certify.ball import has_spectral_radius_below
 from cdobs_cli.certify.clock_form import Shape, erases_the_rest, flow_coefficients, in_basis, jump_gap, kept_states, lyapunov
 from cdobs_cli.certify.definite import Definiteness, has_positive_pivots
@@ -64,7 +64,8 @@ def prove(inclusion: HybridInclusion, certificate: Certificate) -> Definiteness:
     The margin is not computed (a proof by pivots of every coefficient).
     """
     provers = {
-        MONODROMY: _prove_monodromy, METHOD: _prove_clock, common_quadratic.METHOD: _prove_common, dead_beat.METHOD: _prove_dead_beat,
+        MONODROMY: _prove_monodromy, METHOD: _prove_clock, common_quadratic.METHOD: _by(common_quadratic.prove),
+        polygon.METHOD: _by(polygon.prove), dead_beat.METHOD: _by(dead_beat.prove),
     }  # fmt: skip
     if certificate.method not in provers:
         return UNDECIDED
@@ -179,12 +180,8 @@ def _prove_monodromy(inclusion: HybridInclusion, certificate: Certificate) -> De
     return Definiteness("proved", None) if has_spectral_radius_below(maps.jump @ Phi) else UNDECIDED
 
 
-def _prove_common(inclusion: HybridInclusion, certificate: Certificate) -> Definiteness:
-    return Definiteness("proved", None) if common_quadratic.prove(inclusion, certificate) else UNDECIDED
-
-
-def _prove_dead_beat(inclusion: HybridInclusion, certificate: Certificate) -> Definiteness:
-    return Definiteness("proved", None) if dead_beat.prove(inclusion, certificate) else UNDECIDED
+def _by(holds: Callable[[HybridInclusion, Certificate], bool]) -> Callable[[HybridInclusion, Certificate], Definiteness]:
+    return lambda inclusion, certificate: Definiteness("proved", None) if holds(inclusion, certificate) else UNDECIDED
 
 
 # The search: floats and the solver propose, `prove` decides.
@@ -193,6 +190,7 @@ _SCHEDULE = ((3, 4, 2), (4, 5, 4), (5, 6, 6), (6, 7, 10))  # (d, D, pieces), coa
 # Unknowns allowed for each shape, by effort: small plants go further in the schedule.
 _LARGEST = ((10_000, 0, 0, 0), (10_000, 800, 350, 0), (10_000, 10_000, 1400, 400), (10_000, 10_000, 2600, 2600))
 _TOLERANCE = (Fraction(1, 100), Fraction(1, 500), Fraction(1, 2000), Fraction(1, 5000))  # of a period search
+_LINEAR_TOLERANCE = (Fraction(1, 500), Fraction(1, 2000), Fraction(1, 10000), Fraction(1, 100000))
 GAIN_DIGITS = 6
 
 
@@ -212,7 +210,7 @@ def analyse(inclusion: HybridInclusion, effort: int, sigma: Fraction = Fraction(
         certificate = Certificate(MONODROMY, inclusion.sampling, {"sigma": fraction_text(sigma)})
         return certificate if prove(inclusion, certificate).proved else None
     if common_quadratic.applies(inclusion):
-        common = common_quadratic.analyse(inclusion, effort, sigma)
+        common = analyse_linear(inclusion, effort, sigma)
         if common is not None or inclusion.balls.jump.is_rational:
             return common
     for shape in shapes(inclusion, effort):
@@ -220,6 +218,11 @@ def analyse(inclusion: HybridInclusion, effort: int, sigma: Fraction = Fraction(
         if proposed is not None and prove(inclusion, proposed).proved:
             return proposed
     return None
+
+
+def analyse_linear(inclusion: HybridInclusion, effort: int, sigma: Fraction) -> Certificate | None:
+    """A form or a polygon for a linear loop under an interval of periods, proved, or None."""
+    return common_quadratic.analyse(inclusion, effort, sigma) or polygon.analyse(inclusion, effort, sigma)
 
 
 def design_impulsive(
@@ -298,7 +301,7 @@ def largest_period(
     if is_linear(at(start)):
         return _longest_linear(at, start, sigma)
     if common_quadratic.applies(at(start)) and at(start).balls.jump.is_rational:
-        return common_quadratic.longest(at, start, effort, sigma)
+        return _longest_aperiodic(at, start, effort, sigma)
     cuts: Cuts = {}
     return _largest(lambda T: analyse(at(T), effort, sigma, cuts), lambda T: analyse(at(T), 0, sigma, cuts), start, effort)
 
@@ -312,6 +315,29 @@ def _longest_linear(at: Callable[[Exact], HybridInclusion], start: Exact, sigma:
         certificate = analyse(at(chosen.high), 0)
         return None if certificate is None else (chosen.high, certificate)
     return _largest(lambda T: analyse(at(T), 0, sigma), lambda T: analyse(at(T), 0, sigma), start, 3)
+
+
+def _longest_aperiodic(
+    at: Callable[[Exact], HybridInclusion], start: Exact, effort: int, sigma: Fraction
+) -> tuple[Exact, Certificate] | None:
+    """A walk by factors from `start`, then bisection: the laws [T_min, T] grow with T."""
+    from cdobs_cli.certify.bracket import largest_proved, short_period
+
+    def prove_at(T: Exact) -> Certificate | None:
+        return analyse_linear(at(T), effort, sigma)
+
+    low, floor = float(start), float(at(start).sampling.T_min)
+    found, steps = prove_at(start), 0
+    while found is None and steps < 24:
+        low, steps = floor + (low - floor) / 1.6, steps + 1
+        found = prove_at(short_period(low))
+    if found is None:
+        return None
+    high = low * 1.6
+    while steps == 0 and high < 1e3 * float(start) and prove_at(short_period(high)) is not None:
+        low, high = high, high * 1.6
+    lowest = start if low == float(start) else short_period(low)
+    return largest_proved(prove_at, lowest, short_period(high), _LINEAR_TOLERANCE[_level(effort)])
 
 
 def largest_period_design(

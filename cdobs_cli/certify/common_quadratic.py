@@ -9,13 +9,13 @@ falls at every sample whatever the periods, by a factor below exp(-2 d sigma s),
 least. Between samples e = exp(F s) X z with s <= T_max: |e| is bounded by a constant times |z| and decays with it.
 d = 1 is the common quadratic function; larger d are less conservative.
 
-From T_min = 0, where M^[d](0) = diag(I, j) and P = diag(P_1, Q) alike,
+The interval is cut until the Bernstein coefficients of each piece, Taylor polynomials in s with their rest
+enclosed, are positive definite. From T_min = 0, where M^[d](0) = diag(I, j) and P = diag(P_1, Q) alike,
 
-    G(0) = diag(0, H),    H = Q - j'Qj > 0,
+    G(0) = diag(0, H),    H = Q - j'Qj > 0:
 
-and on (0, b] G(s) b / s >= diag(0, H) + (G(s) - G(0)) b / s: where this is > 0, G(s) >= epsilon s P, so V falls in
-proportion to the time between samples. The interval is cut until the Bernstein coefficients of each piece, Taylor
-polynomials in s with their rest enclosed, are positive definite.
+coefficient 0 of the first piece [0, b] is >= 0, exactly so, and the others are > 0. As 1 - (1 - u)^K >= u that gives
+G(s) >= epsilon s P: V falls in proportion to the time between samples.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from collections.abc import Callable
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
-from flint import arb
+from flint import arb, arb_poly
 
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify.definite import has_positive_pivots
 from cdobs_cli.certify.sampled_error import SampledError, sampled_error
 from cdobs_cli.certify.symmetric_power import dimension, monomials, power
-from cdobs_cli.certify.taylor import ORDER, Taylor, bernstein_weights, exponential
+from cdobs_cli.certify.taylor import ORDER, Taylor, bernstein_weights, entries, exponential
 from cdobs_cli.exact.matrix import Matrix
-from cdobs_cli.exact.numbers import Exact, arb_fraction, decimal_text, fraction_text
+from cdobs_cli.exact.numbers import arb_fraction, decimal_text, fraction_text
 from cdobs_cli.hybrid import HybridInclusion
 from cdobs_cli.plant import SamplingLaw
 
@@ -71,7 +71,7 @@ def prove(inclusion: HybridInclusion, certificate: Certificate) -> bool:
     if inclusion.entries or law.kind != "aperiodic" or law.T_max.sign() != 1 or law.T_min.sign() not in (0, 1):
         return False
     sigma, degree = Fraction(data["sigma"]), int(data["degree"])
-    low, high = _ends(law)
+    low, high = law_ends(law)
     error = sampled_error(inclusion.balls, law.T_min.sign() == 0)
     if sigma < 0 or not 1 <= degree <= max(_DEGREES) or not low < high or error is None or error.size == 0:
         return False
@@ -95,7 +95,6 @@ class _Form:
         self.first = [k for k, name in enumerate(names) if name[-1] < kept]
         self.lost = [k for k in range(len(names)) if k not in self.first]
         self.S = _rounding_basis(P, self.first, self.lost)
-        self.gap: Matrix | None = None
 
     def falls_at_zero(self) -> bool:
         """P = diag(P_1, Q) and G(0) = diag(0, H) with H > 0, exactly so."""
@@ -105,29 +104,21 @@ class _Form:
         gap = fall(self.P, M_0)
         if any(gap[i, j] != 0 for i in self.first for j in range(gap.shape[0])):
             return False
-        self.gap = self.S.T @ gap @ self.S
-        return not self.lost or has_positive_pivots(self.gap[self.lost, self.lost])
+        return not self.lost or has_positive_pivots(gap[self.lost, self.lost])
 
     def falls(self, a: Fraction, b: Fraction) -> bool:
         """Whether G > 0 on [a, b]; on [0, b] in proportion to s."""
-        M = exponential(self.error.Y, self.F, self.error.X, a, b)
-        if M is None:
+        coefficients = exponential(self.error.Y, self.F, self.error.X, a, b)
+        if coefficients is None:
             return False
-        G = self._fall(power(M, self.degree, self.error.kept or 0))
+        G = self._fall(power(entries(coefficients), self.degree, self.error.kept or 0))
         size = self.P.shape[0]
-        if a == 0 and self.gap is not None:
-            parts = [[[G[i][j].coefficient(k + 1) for k in range(ORDER)] for j in range(size)] for i in range(size)]
-            for i in range(size):
-                for j in range(size):
-                    parts[i][j][0] = parts[i][j][0] + arb(self.gap[i, j])
-        else:
-            parts = [[[G[i][j].coefficient(k) for k in range(ORDER + 1)] for j in range(size)] for i in range(size)]
-        for weights in bernstein_weights(len(parts[0][0]) - 1):
+        first = 1 if a == 0 and self.error.kept is not None else 0
+        for weights in bernstein_weights(ORDER)[first:]:
             rows: list[list[Any]] = [[arb(0)] * size for _ in range(size)]
             for i in range(size):
                 for j in range(i + 1):
-                    rows[i][j] = sum((weight * c for weight, c in zip(weights, parts[i][j], strict=False)), arb(0))
-                    rows[j][i] = rows[i][j]
+                    rows[i][j] = rows[j][i] = G[i][j].combination(weights)
             if not has_positive_pivots(Matrix.from_rows(rows)):
                 return False
         return True
@@ -162,8 +153,6 @@ def _weighted(weights: list[arb], terms: list[Taylor]) -> Taylor:
 
 
 def _constant(value: arb) -> Taylor:
-    from flint import arb_poly
-
     return Taylor(arb_poly([value]))
 
 
@@ -183,7 +172,7 @@ def covered(holds: Callable[[Fraction, Fraction], bool], low: Fraction, high: Fr
     return False
 
 
-def _ends(law: SamplingLaw) -> tuple[Fraction, Fraction]:
+def law_ends(law: SamplingLaw) -> tuple[Fraction, Fraction]:
     """Rational ends of an interval that holds every period of the law; 0 only for T_min = 0 itself."""
     low = law.T_min.rational
     if low is None:
@@ -200,15 +189,20 @@ def _symmetric(rows: list[list[str]]) -> Matrix:
 
 def _rounding_basis(P: Matrix, first: list[int], lost: list[int]) -> Matrix:
     """A rational S, diagonal by blocks, with S' P S close to I."""
+    return Matrix.from_floats(_unit_basis(P.floats, [part for part in (first, lost) if part]))
+
+
+def _unit_basis(P: Array, blocks: list[list[int]]) -> Array:
+    """S, diagonal by blocks, with S' P S = I there; the identity where floats do not find P positive."""
     import numpy as np
 
-    floats = P.floats
-    S = np.eye(len(floats))
-    for part in (first, lost):
-        if part:
-            corner = floats[np.ix_(part, part)]
-            S[np.ix_(part, part)] = np.linalg.inv(np.linalg.cholesky(corner)).T
-    return Matrix.from_floats(S)
+    S = np.eye(len(P))
+    try:
+        for part in blocks:
+            S[np.ix_(part, part)] = np.linalg.inv(np.linalg.cholesky(P[np.ix_(part, part)])).T
+    except np.linalg.LinAlgError:
+        return np.eye(len(P))
+    return S if np.all(np.isfinite(S)) and np.linalg.cond(S) < 1e12 else np.eye(len(P))
 
 
 # The search: floats and the solver propose, `prove` decides.
@@ -314,12 +308,7 @@ class _Search:
                 step = step @ step
                 if not np.all(np.isfinite(total)) or np.linalg.norm(step) < 1e-9:
                     break
-        S = np.eye(self.size)
-        if not np.all(np.isfinite(total)) or np.linalg.cond(total) > 1e14:
-            return S
-        for part in self.blocks:
-            S[np.ix_(part, part)] = np.linalg.inv(np.linalg.cholesky(total[np.ix_(part, part)])).T
-        return S
+        return _unit_basis(total, self.blocks) if np.all(np.isfinite(total)) else np.eye(self.size)
 
     def _solve(self, maps: Array, chosen: list[int]) -> Array | None:
         import numpy as np
@@ -349,28 +338,3 @@ class _Search:
         if not float(found["t"][0, 0]) > 0 or not all(np.all(np.isfinite(value)) for value in found.values()):
             return None
         return P_of(found)
-
-
-_TOLERANCE = (Fraction(1, 500), Fraction(1, 2000), Fraction(1, 10000), Fraction(1, 100000))  # of a period search
-
-
-def longest(at: Callable[[Exact], HybridInclusion], start: Exact, effort: int, sigma: Fraction) -> tuple[Exact, Certificate] | None:
-    """The largest T_max found with a proof, and the proof: a walk by factors from `start`, then bisection."""
-    from cdobs_cli.certify.bracket import largest_proved, short_period
-
-    def prove_at(T: Exact) -> Certificate | None:
-        return analyse(at(T), effort, sigma)
-
-    low, floor = float(start), float(at(start).sampling.T_min)
-    found = prove_at(start)
-    steps = 0
-    while found is None:
-        low, steps = floor + (low - floor) / 1.6, steps + 1
-        if steps > 24:
-            return None
-        found = prove_at(short_period(low))
-    high = low * 1.6
-    while steps == 0 and high < 1e3 * float(start) and prove_at(short_period(high)) is not None:
-        low, high = high, high * 1.6
-    lowest = start if low == float(start) else short_period(low)
-    return largest_proved(prove_at, lowest, short_period(high), _TOLERANCE[max(0, min(effort, 3))])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 from functools import cache
-from math import comb
+from math import comb, factorial
 from typing import Any
 
 from flint import arb, arb_poly
@@ -46,40 +46,39 @@ class Taylor:
             coefficients[1] = coefficients[1] + beyond * _UNIT
         return Taylor(arb_poly(coefficients[: ORDER + 1]))
 
-    def coefficient(self, k: int) -> arb:
-        """c_k."""
-        return arb(self.polynomial[k])
+    def combination(self, weights: tuple[arb, ...]) -> arb:
+        """sum_k weights[k] c_k."""
+        return sum((weight * c for weight, c in zip(weights, self.polynomial.coeffs(), strict=False)), arb(0))
 
 
-def exponential(Y: Matrix, F: Matrix, X: Matrix, a: Fraction, b: Fraction) -> list[list[Taylor]] | None:
-    """Y exp(F (a + (b - a) u)) X, entry by entry; None where b - a is too long for the series.
+def exponential(Y: Matrix, F: Matrix, X: Matrix, a: Fraction, b: Fraction) -> list[Matrix] | None:
+    """Coefficients c_0 .. c_K of Y exp(F (a + (b - a) u)) X, matrices of balls; None where b - a is too long.
 
-    exp(F a) exp(h u) with h = F (b - a): the terms h^k u^k / k! up to k = ORDER, and a rest of norm at most
-    |h|^(K+1) / (K+1)! / (1 - |h| / (K+2)) times u^(K+1).
+    exp(F a) exp(h u) with h = F (b - a): the terms h^k u^k / k! up to k = K = ORDER, and a rest of norm at most
+    |h|^(K+1) / (K+1)! / (1 - |h| / (K+2)) times u^(K+1), kept in c_1.
     """
     h = F.balls() * fraction_ball(b - a)
     size = frobenius(h).upper()
     if not size < 2:
         return None
-    start = F.exp(a)
-    term = start @ X
-    left = Y.balls()
+    start = F.exp(a) @ X
+    left, term = Y.balls(), start
     terms = [left @ term]
     for k in range(1, ORDER + 1):
         term = h @ term / k
         terms.append(left @ term)
-    rest = size ** (ORDER + 1) / arb(ORDER + 1).gamma() / (ORDER + 1) / (1 - size / (ORDER + 2))
-    bound = (rest * frobenius(start @ X) * frobenius(left)).upper()
-    beyond = arb(0, bound)
-    rows = [matrix.arb.table() for matrix in terms]
+    rest = size ** (ORDER + 1) / arb(factorial(ORDER + 1)) / (1 - size / (ORDER + 2))
+    beyond = arb(0, (rest * frobenius(start) * frobenius(left)).upper())
     height, width = terms[0].shape
-    return [
-        [
-            Taylor(arb_poly([rows[0][i][j], rows[1][i][j] + beyond, *(rows[k][i][j] for k in range(2, ORDER + 1))]))
-            for j in range(width)
-        ]
-        for i in range(height)
-    ]  # fmt: skip
+    terms[1] = terms[1] + Matrix.from_rows([[beyond] * width for _ in range(height)])
+    return terms
+
+
+def entries(coefficients: list[Matrix]) -> list[list[Taylor]]:
+    """The matrix polynomial entry by entry."""
+    tables = [matrix.arb.table() for matrix in coefficients]
+    height, width = coefficients[0].shape
+    return [[Taylor(arb_poly([table[i][j] for table in tables])) for j in range(width)] for i in range(height)]
 
 
 @cache
