@@ -51,6 +51,7 @@ M_ = TypeVar("M_")
 
 METHOD = "clock"
 MONODROMY = "spectral_radius"
+METHODS = (METHOD, MONODROMY, common_quadratic.METHOD, polygon.METHOD, dead_beat.METHOD)
 MAX_CORNER_ENTRIES = 10  # 2^10 corners at most are enumerated
 UNDECIDED = Definiteness("undecided", None)
 

@@ -13,6 +13,7 @@ from cdobs_cli.certify import clock
 from cdobs_cli.certify.ball import spectral_radius_lower
 from cdobs_cli.certify.bracket import smallest_refuted
 from cdobs_cli.certify.falsify import refute
+from cdobs_cli.certify.unseen import Unseen, unseen
 from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text, upper_text
@@ -32,6 +33,9 @@ _SOURCES = {
     "wirtinger": "LiuFridman2012, Wirtinger's inequality for the held error, with a slope box and a rate",
     "clock": "clock-dependent quadratic function",
     "spectral_radius": "spectral radius of the sampled error",
+    "common_quadratic": "form of the sampled error that falls at every sample",
+    "polygon": "polygon of sampled errors that every sample maps into itself",
+    "dead_beat": "nilpotent map of the sampled error",
     "repaired": "Boukal2020, Theorem 1, with its proof repaired",
 }
 
@@ -47,7 +51,7 @@ class Proved:
     @property
     def family(self) -> str:
         """Its rung of the ladder of methods."""
-        return "clock" if self.certificate.method == clock.MONODROMY else self.certificate.method
+        return "clock" if self.certificate.method in clock.METHODS else self.certificate.method
 
     @property
     def T(self) -> Exact:
@@ -63,9 +67,9 @@ def reprove(plant: Plant, L: ExactMatrix, certificate: Certificate) -> Proved | 
         elif certificate.method == repaired.METHOD:
             result = repaired.prove(plant, L, certificate)
             rate = repaired.rate(certificate)
-        elif certificate.method in (clock.METHOD, clock.MONODROMY):
+        elif certificate.method in clock.METHODS:
             result = clock.prove(inclusion(plant, {"L": L}), certificate)
-            rate = Exact(certificate.data["sigma"]).ball()
+            rate = clock.decay(certificate)
         else:
             return None
     except (KeyError, ValueError, TypeError, IndexError, ZeroDivisionError, ExpressionError):
@@ -79,11 +83,17 @@ def certify(family: LpvZeroOrderHold, plant: Plant, design: Design, effort: int)
     plant = at_period(plant, law.T_max)
     nobody = [c for c in design.certificates if c.method == any_gain.METHOD and _no_gain(plant, c)]
     any_bound = _any_gain_bound([c for c in nobody if contains(law.with_period(c.sampling.T_max), c.sampling)])
+    hidden = unseen(plant)
     if design.outcome == "none":
         defeated = next((c for c in nobody if contains(law, c.sampling)), None)
-        status: Status = "refuted" if defeated is not None else "undecided"
+        status: Status = "refuted" if defeated is not None or hidden is not None else "undecided"
         reason = "no gain survives this sampling law" if defeated is not None else design.reason or "no gain was found"
         witness = Witness("vector", "class", data=dict(defeated.data)) if defeated is not None else None
+        if hidden is not None:
+            reason, witness = hidden.sentence(plant), hidden.witness(plant)
+            T = _above(hidden.period or law.T_max)
+            if any_bound is None or any_bound.refuted is None or float(T) < float(any_bound.refuted):
+                any_bound = Bound(None, T, method="unseen direction", about=witness.about)
         claim = Claim(CONVERGENCE, "consequence", status, f"The error converges: {reason}.", family.source, required=True, witness=witness)
         return Check((claim,), {"period_max_any_gain": any_bound} if any_bound else {})
     L = design.gain["L"]
@@ -94,7 +104,10 @@ def certify(family: LpvZeroOrderHold, plant: Plant, design: Design, effort: int)
             proof = reprove(plant, L, certificate)
             claims.append(_certificate_claim(certificate, proof, claims))
             proofs += [proof] if proof is not None else []
-    convergence = _convergence(plant, L, proofs, effort)
+    convergence = _convergence(plant, L, proofs, effort, hidden)
+    if hidden is not None:
+        statement = f"Every gain fails: {hidden.sentence(plant)}"
+        claims.append(Claim("every_gain", "certificate", "proved", statement, "exact rational arithmetic", method="unseen direction"))
     bounds = _bounds(plant, L, proofs, effort)
     if any_bound is not None or "period_max" in bounds:
         best = bounds["period_max"].proved if "period_max" in bounds else None
@@ -133,7 +146,7 @@ def _certificate_claim(certificate: Certificate, proof: Proved | None, before: l
     )  # fmt: skip
 
 
-def _convergence(plant: Plant, L: ExactMatrix, proofs: list[Proved], effort: int) -> Claim:
+def _convergence(plant: Plant, L: ExactMatrix, proofs: list[Proved], effort: int, hidden: Unseen | None) -> Claim:
     """The one required claim: proved by a certificate that covers the law, else refuted by a counterexample."""
     law = plant.sampling
     periods = f"T_k = {law.T_max}" if law.kind == "periodic" else f"any T_k in [{law.T_min}, {law.T_max}]"
@@ -144,7 +157,7 @@ def _convergence(plant: Plant, L: ExactMatrix, proofs: list[Proved], effort: int
         best = max(covering, key=lambda proof: float(proof.rate.mid()))
         margin = lower_text(best.rate, 9)
         return Claim(CONVERGENCE, "consequence", "proved", statement, source, True, margin, best.certificate.method, best.family)
-    witness = refute(inclusion(plant, {"L": L}), effort)
+    witness = hidden.witness(plant) if hidden is not None else refute(inclusion(plant, {"L": L}), effort)
     status: Status = "refuted" if witness is not None else "undecided"
     return Claim(CONVERGENCE, "consequence", status, statement, source, True, witness=witness)
 

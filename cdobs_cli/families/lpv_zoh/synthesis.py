@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from cdobs_cli.certify.lmi import solver_log, summary
+from cdobs_cli.certify.unseen import unseen
 from cdobs_cli.design import Design
 from cdobs_cli.families.lpv_zoh import printed_search
 from cdobs_cli.families.lpv_zoh.corners import MOST_CORNERS
@@ -24,6 +25,11 @@ def synthesize(family: LpvZeroOrderHold, plant: Plant, effort: int) -> Design:
     if corners > MOST_CORNERS:
         reason = f"the slope box has {corners} corners, at most {MOST_CORNERS} are taken: declare fewer slopes that vary"
         return Design(family.family, "none", plant.sampling, {}, reason=reason)
+    hidden = unseen(plant)
+    if hidden is not None and (family.gain is None or hidden.period is None):  # nothing to look for
+        if family.gain is not None:
+            return Design(family.family, "given", plant.sampling, {"L": family.gain.L})
+        return Design(family.family, "none", plant.sampling, {}, reason=hidden.sentence(plant))
     with solver_log() as records:
         try:
             found = given(family, plant, effort) if family.gain is not None else search(family, plant, effort)
