@@ -145,7 +145,7 @@ class _Form:
 
 
 def _weighted(weights: list[arb], terms: list[Taylor]) -> Taylor:
-    total = terms[0] * weights[0]
+    total: Taylor = terms[0] * weights[0]
     for weight, term in zip(weights[1:], terms[1:], strict=True):
         if not weight.is_zero():
             total = total + term * weight

@@ -58,7 +58,7 @@ def propose(F: Array, J: Array, low: float, high: float, effort: int) -> list[Pe
     if not np.all(np.isfinite(letters)):
         return []
     scale = _balance(letters)
-    letters = np.linalg.solve(scale, letters @ scale)
+    letters = np.linalg.inv(scale) @ letters @ scale
     words, maps = np.arange(len(grid))[:, None], letters
     found: list[PeriodWord] = []
     for length in range(1, _LONGEST[level] + 1):
@@ -75,10 +75,10 @@ def propose(F: Array, J: Array, low: float, high: float, effort: int) -> list[Pe
             kept = np.unique(np.concatenate([np.argsort(-norms)[:half], np.argsort(-rates)[:half]]))
             words, maps = words[kept], maps[kept]
     for _ in range(_PASSES):
-        best = max(word.rate for word in found)
-        further = _of_trajectories(letters, grid, best, _SAMPLES[level])
+        fastest = max(word.rate for word in found)
+        further = _of_trajectories(letters, grid, fastest, _SAMPLES[level])
         found += further
-        if not further or max(word.rate for word in further) <= best + 1e-9 * abs(best):
+        if not further or max(word.rate for word in further) <= fastest + 1e-9 * abs(fastest):
             break
     found.sort(key=lambda word: -word.rate)
     moved = [_moved(word, F, J, low, high) for word in _distinct(found)[:_REFINED]]

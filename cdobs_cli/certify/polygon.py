@@ -146,7 +146,7 @@ def _invariant(error: SampledError, low: float, high: float, sigma: float, level
     share = periods / high if from_zero else np.ones(count)
     maps = maps * (1 + _STRICT[level] * share)[:, None, None]
     S = _balance(maps)
-    maps = np.linalg.solve(S, maps @ S)
+    maps = np.linalg.inv(S) @ maps @ S
     fine = np.linspace(low, high, _FINE * count)
     judged = maps_at(fine), (fine / high if from_zero else np.ones(len(fine))) * _STRICT[level] / 4
     angles = np.pi * np.arange(_DIRECTIONS[level]) / _DIRECTIONS[level]

@@ -183,9 +183,7 @@ def _slowest(kept: Matrix) -> Matrix:
     return Matrix.from_rows([[Fraction(decimal_text(float(value) / size, 9))] for value in real])
 
 
-def _at_samples(
-    F: tuple[Exact, Matrix], C: Matrix, law: SamplingLaw
-) -> tuple[Exact, tuple[Fraction, ...], str] | None:
+def _at_samples(F: tuple[Exact, Matrix], C: Matrix, law: SamplingLaw) -> tuple[Exact, tuple[Fraction, ...], str] | None:
     """(T, direction, growth) of pathological sampling at a constant period of the law."""
     c, F_0 = F
     spaces = list(_spaces(F_0))

@@ -18,7 +18,7 @@ from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text, upper_text
 from cdobs_cli.families.lpv_zoh import any_gain, printed, printed_search, repaired, wirtinger
-from cdobs_cli.families.lpv_zoh.laws import at_period, contains, covers
+from cdobs_cli.families.lpv_zoh.laws import DOWN_TO_ZERO, at_period, contains, covers
 from cdobs_cli.families.lpv_zoh.observer import inclusion
 from cdobs_cli.families.lpv_zoh.theorems import vertices_25
 from cdobs_cli.hybrid import PlantView
@@ -99,8 +99,12 @@ def certify(family: LpvZeroOrderHold, plant: Plant, design: Design, effort: int)
     L = design.gain["L"]
     claims: list[Claim] = []
     proofs: list[Proved] = []
+    others: list[Proved] = []  # about gains met on the way
     for certificate in design.certificates:
-        if certificate.method not in (any_gain.METHOD, printed_search.METHOD):
+        if "L" in certificate.data:
+            proof = _of_another_gain(plant, L, certificate)
+            others += [proof] if proof is not None else []
+        elif certificate.method not in (any_gain.METHOD, printed_search.METHOD):
             proof = reprove(plant, L, certificate)
             claims.append(_certificate_claim(certificate, proof, claims))
             proofs += [proof] if proof is not None else []
@@ -109,12 +113,40 @@ def certify(family: LpvZeroOrderHold, plant: Plant, design: Design, effort: int)
         statement = f"Every gain fails: {hidden.sentence(plant)}"
         claims.append(Claim("every_gain", "certificate", "proved", statement, "exact rational arithmetic", method="unseen direction"))
     bounds = _bounds(plant, L, proofs, effort)
-    if any_bound is not None or "period_max" in bounds:
-        best = bounds["period_max"].proved if "period_max" in bounds else None
+    claims += [_other_claim(proof) for proof in others]
+    some = max((proof for proof in (*proofs, *others) if _usable(proof, plant)), key=lambda proof: float(proof.T), default=None)
+    if any_bound is not None or some is not None or "period_max" in bounds:
+        best = _below(some.T) if some is not None else None
         refuted, about = (any_bound.refuted, any_bound.about) if any_bound is not None else (None, "class")
         bounds["period_max_any_gain"] = Bound(best, refuted, method=any_gain.METHOD if refuted else None, about=about)
     printed_claims, printed_bounds = _printed(family, plant, design, L)
     return Check((convergence, *claims, *printed_claims), bounds | printed_bounds)
+
+
+def _of_another_gain(plant: Plant, L: ExactMatrix, certificate: Certificate) -> Proved | None:
+    try:
+        other = ExactMatrix(certificate.data["L"])
+    except (TypeError, ValueError, ExpressionError):
+        return None
+    return reprove(plant, other, certificate) if other.shape == L.shape else None
+
+
+def _other_claim(proof: Proved) -> Claim:
+    statement = f"Some gain converges for {_periods(proof.certificate)}"
+    method = proof.certificate.method
+    return Claim(f"period_max_any_gain.{proof.family}", "certificate", "proved", statement, _SOURCES.get(method, method), method=method)
+
+
+def _usable(proof: Proved, plant: Plant) -> bool:
+    """A proof for the plant's law at some period."""
+    return covers(proof.certificate, plant.sampling.with_period(proof.T))
+
+
+def _periods(certificate: Certificate) -> str:
+    method, law = certificate.method, certificate.sampling
+    if method in DOWN_TO_ZERO or law.T_min.sign() == 0:
+        return f"every T_k <= {law.T_max}"
+    return f"T_k = {law.T_max}" if law.kind == "periodic" else f"T_k in [{law.T_min}, {law.T_max}]"
 
 
 def _no_gain(plant: Plant, certificate: Certificate) -> bool:
@@ -132,11 +164,7 @@ def _any_gain_bound(nobody: list[Certificate]) -> Bound | None:
 
 
 def _certificate_claim(certificate: Certificate, proof: Proved | None, before: list[Claim]) -> Claim:
-    method, law = certificate.method, certificate.sampling
-    down = method in ("wirtinger", "repaired") or law.T_min.sign() == 0
-    periods = (
-        f"every T_k <= {law.T_max}" if down else f"T_k = {law.T_max}" if law.kind == "periodic" else f"T_k in [{law.T_min}, {law.T_max}]"
-    )
+    method, periods = certificate.method, _periods(certificate)
     rate = f" at rate {lower_text(proof.rate, 6)}" if proof is not None and proof.rate > 0 else ""
     number = sum(claim.id.split(".")[0] == method for claim in before)
     return Claim(
@@ -168,18 +196,14 @@ def _bounds(plant: Plant, L: ExactMatrix, proofs: list[Proved], effort: int) -> 
     def longest(group: list[Proved]) -> Proved | None:
         return max(group, key=lambda proof: float(proof.T), default=None)
 
-    def usable(proof: Proved) -> bool:
-        """A proof for the plant's law at some period."""
-        return covers(proof.certificate, plant.sampling.with_period(proof.T))
-
-    best = longest([proof for proof in proofs if usable(proof)])
+    best = longest([proof for proof in proofs if _usable(proof, plant)])
     refuted = smallest_refuted(lambda T: inclusion(at_period(plant, T), {"L": L}), best.T if best else None, effort)
     upper = _above(refuted[0]) if refuted else None
     bounds: dict[str, Bound] = {}
     if best is not None or upper is not None:
         bounds["period_max"] = Bound(_below(best.T) if best else None, upper, method=best.family if best else None, about="class")
     for method in METHODS:
-        rung = longest([proof for proof in proofs if proof.family == method and usable(proof)])
+        rung = longest([proof for proof in proofs if proof.family == method and _usable(proof, plant)])
         if rung is not None:
             bounds[f"period_max.{method}"] = Bound(_below(rung.T), upper, method=method, about="class")
     covering = [proof for proof in proofs if covers(proof.certificate, plant.sampling)]

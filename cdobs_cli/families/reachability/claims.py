@@ -43,7 +43,10 @@ SOURCES = {
 CLOCK_FORMS = {
     clock.METHOD: ("A clock-dependent e'P(tau)e decreases along flows and does not grow at jumps", "exact Bernstein coefficients"),
     clock.MONODROMY: ("The error of one period has a spectral radius below 1", "powers of the map in balls"),
-    common_quadratic.METHOD: ("One form of the error just after a sample falls from each sample to the next", "Bernstein coefficients in balls"),
+    common_quadratic.METHOD: (
+        "One form of the error just after a sample falls from each sample to the next",
+        "Bernstein coefficients in balls",
+    ),
     polygon.METHOD: ("Each sample maps a polygon of errors into itself", "Bernstein coefficients in balls"),
 }
 
@@ -92,8 +95,8 @@ def certify(family: Reachability, plant: Plant, design: Design, effort: int) -> 
         reason = design.reason or "the stored gain does not fit the plant"
         if hidden is None:
             return Check((_convergence("undecided", f"The error converges to 0: {reason}."),), bounds)
-        witness = hidden.witness(plant)
-        claim = _convergence("refuted", f"The error converges to 0: {hidden.sentence(plant)}.", method="unseen direction", witness=witness)
+        statement = f"The error converges to 0: {hidden.sentence(plant)}."
+        claim = _convergence("refuted", statement, method="unseen direction", witness=hidden.witness(plant))
         T = upper_text((hidden.period or law.T_max).ball(), 12)
         bounds["period_max_any_gain"] = Bound(None, T, "s", "unseen direction", "every gain refuted")
         return Check((claim,), bounds)
