@@ -226,8 +226,7 @@ def _spaces(F: Matrix) -> Iterator[tuple[Fraction, Fraction, Matrix]]:
 def _periods(eigenvalues: list[tuple[Fraction, Fraction]], c: Exact, law: SamplingLaw) -> Iterator[tuple[Exact, Fraction]]:
     """(T, q^2) with c T = q pi, T in the law: the period itself, or those at which a pair is aliased."""
     if law.kind == "periodic":
-        q = _ratio(law.T_max * c, _PI)
-        squared = q * q if q is not None else _ratio(law.T_max * law.T_max * c * c, _PI * _PI)
+        squared = _turns_squared(law.T_max * c)
         if squared is not None:
             yield law.T_max, squared
         return
@@ -242,6 +241,21 @@ def _periods(eigenvalues: list[tuple[Fraction, Fraction]], c: Exact, law: Sampli
             T = Exact(simplify(Exact(f"{k}*pi/({w}*({c}))").expression))
             if _at_most(law.T_min, T) and _at_most(T, law.T_max):
                 yield T, k * k / w_squared
+
+
+def _turns_squared(angle: Exact) -> Fraction | None:
+    """(angle / pi)^2 where that is rational, proved as an identity: q pi, or pi sqrt(n) / b with integers n, b."""
+    q = _ratio(angle, _PI)
+    if q is not None:
+        return q * q
+    turns = float((angle.ball() / _PI.ball()).mid())
+    if not 0 < turns < 1e6:
+        return None
+    squared = Fraction(turns * turns).limit_denominator(_DENOMINATOR)
+    b, n = Exact(squared.denominator), Exact(squared.numerator * squared.denominator)
+    root = Exact(f"sqrt({n})")
+    holds = is_zero((angle * b - _PI * root).expression) or is_zero((angle * b * root - _PI * n).expression)
+    return squared if holds else None
 
 
 def _unseen_in(E: Matrix, C: Matrix, F: Matrix, c: Exact, T: Exact, *, real: bool) -> tuple[Fraction, ...] | None:
