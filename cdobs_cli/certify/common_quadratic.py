@@ -97,10 +97,8 @@ class _Form:
         self.S = _rounding_basis(P, self.first, self.lost)
 
     def falls_at_zero(self) -> bool:
-        """P = diag(P_1, Q) and G(0) = diag(0, H) with H > 0, exactly so."""
+        """G(0) = diag(0, H) with H > 0, exactly so; P = diag(P_1, Q) follows, as 1 is no eigenvalue of j."""
         M_0 = Matrix.from_rows(power((self.error.Y @ self.error.X).tolist(), self.degree, self.error.kept or 0))
-        if not M_0.is_rational or any(self.P[i, j] != 0 for i in self.first for j in self.lost):
-            return False
         gap = fall(self.P, M_0)
         if any(gap[i, j] != 0 for i in self.first for j in range(gap.shape[0])):
             return False

@@ -29,7 +29,9 @@ def test_a_sample_that_tells_the_state_erases_every_error(law):
     assert longest[0] == start
 
 
-@pytest.mark.parametrize("K", [[[1, 0], [0, "0.999999"]], [["1", "1e-30"], [0, 1]], [["1 + (pi+1e-60) - pi", 0], [0, 1]]])
+@pytest.mark.parametrize(
+    "K", [[[1, 0], [0, "0.999999"]], [["1", "1e-30"], [0, 1]], [["1 + (pi+1e-60) - pi", 0], [0, 1]], [[1, "1e-400"], [0, 1]]]
+)
 def test_what_is_nearly_erased_is_not(K):
     assert dead_beat.analyse(reset(K)) is None
     assert not clock.prove(reset(K), Certificate(dead_beat.METHOD, aperiodic(0, 5), {})).proved
@@ -63,6 +65,11 @@ def test_a_held_integrator_is_brought_to_rest():
     made = plant([[0]], [[0]], [[0]], [[1]], periodic("0.5"))
     assert clock.analyse(held(made, [["2"]]), 0).method == dead_beat.METHOD
     assert clock.analyse(held(made, [["1.9"]]), 0).method == clock.MONODROMY
+
+
+def test_a_series_that_does_not_end_is_not_cut_off():
+    """1 + F T = 0 for edot = -e at T = 1: the first terms alone would erase the error."""
+    assert clock.analyse(impulsive(plant([[-1]], [[0]], [[0]], [[1]], periodic(1)), [["0.5"]]), 0).method == clock.MONODROMY
 
 
 def test_no_law_no_certificate():

@@ -11,14 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from example_inclusions import aperiodic, held, impulsive, plant
+from flint import arb
 from linear_loops import ZERO, largest_product, loops
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify import clock, common_quadratic, polygon
+from cdobs_cli.certify import clock, common_quadratic, polygon, taylor
 from cdobs_cli.certify.bracket import smallest_refuted
 from cdobs_cli.certify.falsify import refute, refutes
 from cdobs_cli.certify.sampled_error import full_rank_factors, kept_and_lost
 from cdobs_cli.certify.symmetric_power import monomials, power
+from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact
 
@@ -140,6 +142,99 @@ def test_a_certificate_speaks_for_its_own_loop_law_and_rate_only():
     assert inclusion.sampling.T_min.sign() == 0 and len(certificate.data["P"]) == 2
     (a, _), (c,) = certificate.data["P"]
     assert not clock.prove(inclusion, replace(certificate, data={**certificate.data, "P": [[a, "0.0001"], [c]]})).proved
+
+
+def form(loop, P, degree="1", sigma="0"):
+    return common_quadratic.prove(loop, Certificate(common_quadratic.METHOD, loop.sampling, {"sigma": sigma, "degree": degree, "P": P}))
+
+
+def corners(loop, vertices=(("1", "-1"), ("1", "1")), sigma="0"):
+    data = {"sigma": sigma, "vertices": [list(vertex) for vertex in vertices]}
+    return polygon.prove(loop, Certificate(polygon.METHOD, loop.sampling, data))
+
+
+def turned(K, law, rate="0"):
+    """e+ = (1 - K) exp(rate s) e in the plane."""
+    return impulsive(plant([[rate, 0], [0, rate]], ZERO, ZERO, [[1, 0], [0, 1]], law), [[K, 0], [0, K]])
+
+
+def test_a_form_that_is_negative_grows_where_it_seems_to_fall():
+    assert form(scalar("0.5"), [["1"]])
+    assert not form(scalar("0.5", "-1"), [["-1"]])
+    assert not form(scalar("0.5", "-1"), [["1"]])
+
+
+def test_no_period_of_the_law_is_left_out():
+    """M(s) = exp(A s)_11 = 1 + 0.01 s - 0.5 s^2 + ..: the error grows at periods below 0.02 only."""
+
+    def grows_at_first(low):
+        return impulsive(plant([["0.01", 1], [-1, 0]], ZERO, ZERO, [[0, 1]], aperiodic(low, 1)), [["0"], ["1"]])
+
+    assert refute(grows_at_first("0"), 1) is not None
+    assert not form(grows_at_first("0"), [["1"]])
+    assert not form(grows_at_first("0.001"), [["1"]])
+    assert form(grows_at_first("0.03"), [["1"]])
+
+
+def test_slopes_that_vary_are_not_left_out():
+    law = aperiodic("0.1", "0.3")
+
+    def loop(up):
+        return impulsive(plant([[1, 0], [0, 1]], ZERO, [[up, 0], [0, 0]], [[1, 0], [0, 1]], law), [["0.5", 0], [0, "0.5"]])
+
+    assert form(loop("0"), [["1", "0"], ["1"]]) and corners(loop("0"))
+    assert not form(loop("9"), [["1", "0"], ["1"]]) and not corners(loop("9"))
+
+
+def test_polygons_are_judged_at_all_corners_sides_and_periods():
+    law = aperiodic("0.1", "0.2")
+    assert corners(turned("1.9", law)) and corners(turned("1.995", law)) and corners(turned("0.005", law))
+    for K in ("2.005", "2.5", "-0.005"):
+        assert not corners(turned(K, law))
+    # The error grows before it decays: 1.05 exp(-20 s), below 1 from s = 0.0025 on.
+    assert corners(turned("-0.05", aperiodic("0.0025", "0.06"), "-20"))
+    assert not corners(turned("-0.05", aperiodic("0.0024", "0.06"), "-20"))
+    assert not corners(turned("-0.05", aperiodic(0, "0.06"), "-20"))
+    assert corners(turned("0.5", aperiodic("0.1", "0.2"), "-1"), sigma="4") and not corners(
+        turned("0.5", aperiodic("0.1", "0.2"), "1"), sigma="4"
+    )
+
+
+@pytest.mark.parametrize(
+    "vertices",
+    [
+        [(1, -1), (1, 1)][::-1],
+        [(1, -1), ("0.1", 0), (1, 1)],  # not convex
+        [(1, 0), (1, 0)], [(1, 0), (-1, 0)], [(0, 0), (1, 1)],
+        [(4, 0), (-2, 3), (-2, -3), (4, "0.1")],  # more than one turn
+        [(10, 0), ("-3.09", "9.51"), ("-8.09", "-5.87"), ("8.09", "-5.87"), ("3.09", "9.51")],
+    ],
+)  # fmt: skip
+def test_what_is_no_convex_polygon_round_zero(vertices):
+    half = [(Fraction(x), Fraction(y)) for x, y in vertices]
+    assert polygon._sides(half) is None
+    assert polygon._sides([(Fraction(1), Fraction(-1)), (Fraction(1), Fraction(1))]) == [(1, 0), (0, 1)]
+
+
+@pytest.mark.parametrize("size", [Fraction(1, 2), Fraction(13, 10), Fraction(19, 10), 50])
+def test_taylor_polynomials_hold_what_they_leave_out(size):
+    F = Matrix.from_rows([[0, 1], [-1, Fraction(-1, 3)]])
+    one = Matrix.identity(2)
+    span = size / Fraction(float(np.linalg.norm(F.floats)))
+    made = taylor.exponential(one, F, one, Fraction(1, 7), Fraction(1, 7) + span)
+    if size == 50:
+        assert made is None
+        return
+    for u in (Fraction(0), Fraction(1, 3), Fraction(1)):
+        value = F.exp(Fraction(1, 7) + span * u)
+        squared = taylor.entries(made)
+        for i in range(2):
+            for j in range(2):
+                total = sum((matrix[i, j] * fraction_ball(u) ** k for k, matrix in enumerate(made)), arb(0))
+                assert total.overlaps(value[i, j]) and total.contains(value[i, j].mid())
+                product = squared[i][0] * squared[0][j]
+                powers = tuple(fraction_ball(u) ** k for k in range(taylor.ORDER + 1))
+                assert product.combination(powers).contains((value[i, 0] * value[0, j]).mid())
 
 
 def test_rates_are_those_of_the_slowest_word():

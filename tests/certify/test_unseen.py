@@ -67,6 +67,7 @@ def test_pathological_sampling(law, A, C, T):
         (periodic("pi"), [["-0.1", 1], [-1, "-0.1"]], [[1, 0]]),  # unseen, but it decays
         (aperiodic(0, "3.14"), OSCILLATOR, [[1, 0]]),
         (aperiodic("3.15", "6.28"), OSCILLATOR, [[1, 0]]),
+        (aperiodic("3.1415926536", "4"), OSCILLATOR, [[1, 0]]),
         (periodic("pi/5"), TWO, [[1, 0, 1, 0]]),
         (periodic("pi/2"), TWO, [[1, 0, 0, 0], [0, 0, 1, 0]]),
         (periodic("pi"), [[0, 1, 0], [-1, 0, 0], [0, 0, 0]], [[1, 0, 1], [0, 1, 0]]),

@@ -12,7 +12,7 @@ from cdobs_cli.certify import clock
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.lpv_zoh import wirtinger
 from cdobs_cli.families.lpv_zoh.climb import GAIN_DIGITS
-from cdobs_cli.families.lpv_zoh.laws import DOWN_TO_ZERO, at_period, covers, largest, short
+from cdobs_cli.families.lpv_zoh.laws import at_period, covers, largest, short
 from cdobs_cli.families.lpv_zoh.observer import inclusion
 from cdobs_cli.plant import Plant, SamplingLaw
 
@@ -75,16 +75,14 @@ def running_maxima(periods: Sequence[Exact], points: Sequence[Point | None], law
     A proof for [T_min, T] is one for every [T_min, T'] inside, and one for all T_k <= T (Wirtinger) is one for every
     shorter period too; a proof for one constant period serves that period only.
     """
-    best: Point | None = None
     kept: list[Point] = []
+    met: list[Point] = []
     for T, point in sorted(zip(periods, points, strict=True), key=lambda pair: -float(pair[0])):
-        served = best if best is not None and covers(best.certificate, law.with_period(T)) else None
-        chosen = max((p for p in (point, served) if p is not None), key=lambda p: float(p.rate), default=None)
-        if chosen is None:
-            continue
-        kept.append(Point(T, chosen.rate, chosen.certificate))
-        if law.kind == "aperiodic" or chosen.certificate.method in DOWN_TO_ZERO:
-            best = chosen
+        met += [point] if point is not None else []
+        serving = [one for one in met if covers(one.certificate, law.with_period(T))]
+        if serving:
+            best = max(serving, key=lambda one: float(one.rate))
+            kept.append(Point(T, best.rate, best.certificate))
     return tuple(reversed(kept))
 
 

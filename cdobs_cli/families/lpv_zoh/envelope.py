@@ -33,7 +33,7 @@ def envelope(plant: Plant, design: Design, check: Check) -> Mapping[str, Any] | 
     plant = at_period(plant, design.sampling.T_max)
     found = []
     for certificate in design.certificates:
-        if covers(certificate, design.sampling) and "L" not in certificate.data:
+        if covers(certificate, design.sampling):
             proof = reprove(plant, design.gain["L"], certificate)
             factor = None if proof is None else _factor(proof, plant.n)
             if proof is not None and factor is not None:
