@@ -83,9 +83,11 @@ class LpvZeroOrderHold(Family):
         return observer(plant, design)
 
     def inclusion(self, plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
+        from cdobs_cli.exact.numbers import ExactMatrix
         from cdobs_cli.families.lpv_zoh.observer import inclusion
 
-        return inclusion(plant, gain)
+        # Without a design: what no gain helps against is seen without one.
+        return inclusion(plant, gain or {"L": ExactMatrix([[0] * plant.p for _ in range(plant.n)])})
 
     def transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
         from cdobs_cli.families.lpv_zoh.levels import levels

@@ -97,9 +97,11 @@ class Reachability(Family):
         return observer(plant, design)
 
     def inclusion(self, plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
+        from cdobs_cli.exact.numbers import ExactMatrix
         from cdobs_cli.families.reachability.observer import inclusion
 
-        return inclusion(plant, gain)
+        # Without a design: what no gain helps against is seen without one.
+        return inclusion(plant, gain or {"K": ExactMatrix([[0] * plant.p for _ in range(plant.n)])})
 
     def transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
         from cdobs_cli.families.reachability.levels import levels
