@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from cdobs_cli.codec import KEY, OPTIONAL, read_fields
 from cdobs_cli.exact.numbers import Exact
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 
 Status = Literal["proved", "refuted", "undecided"]
 ClaimKind = Literal["premise", "assumption", "certificate", "consequence", "printed"]

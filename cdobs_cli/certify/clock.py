@@ -41,7 +41,7 @@ from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     import numpy as np
@@ -109,7 +109,7 @@ def _prove_clock(inclusion: HybridInclusion, certificate: Certificate) -> Defini
         return UNDECIDED
     for number in range(shape.jump_from, shape.count):
         gap = jump_gap(P[0], P[number], maps.jump)
-        if number == 0 and law.T_min.sign() == 0:
+        if number == 0 and law.from_zero:
             if not _gap_from_zero(P[0], maps.jump, kept):
                 return UNDECIDED
         elif not _positive(gap):
@@ -124,15 +124,15 @@ def _prove_clock(inclusion: HybridInclusion, certificate: Certificate) -> Defini
 
 def _well_posed(shape: Shape, law: SamplingLaw) -> bool:
     """Pieces cover [0, T_max] with T_min a break point."""
-    if law.kind == "updated" or shape.d < 1 or shape.d > shape.D or min(shape.before, shape.after) < 0 or shape.pieces < 1:
+    if law.is_updated or shape.d < 1 or shape.d > shape.D or min(shape.before, shape.after) < 0 or shape.pieces < 1:
         return False
     if law.T_max.sign() != 1:
         return False
-    if law.T_min == law.T_max:
+    if law.is_periodic:
         return shape.before > 0 and shape.after == 0
     if (law.T_max - law.T_min).sign() != 1 or shape.after == 0:
         return False
-    return shape.before == 0 if law.T_min.sign() == 0 else law.T_min.sign() == 1 and shape.before > 0
+    return shape.before == 0 if law.from_zero else law.T_min.sign() == 1 and shape.before > 0
 
 
 def _positive_on_range(P_0: Matrix, J: Matrix, kept: list[int]) -> bool:
@@ -173,7 +173,7 @@ def symmetric_from_upper(rows: list[list[str]]) -> Matrix:
 def _prove_monodromy(inclusion: HybridInclusion, certificate: Certificate) -> Definiteness:
     """rho(J exp(A T) exp(sigma T)) < 1 for a linear error system sampled periodically."""
     law = certificate.sampling
-    if inclusion.entries or law.T_min != law.T_max or law.T_max.sign() != 1:
+    if inclusion.entries or not (law.is_periodic and law.is_bounded):
         return UNDECIDED
     maps, T = inclusion.balls, _value(law.T_max)
     sigma = rate(certificate)
@@ -207,7 +207,7 @@ def analyse(inclusion: HybridInclusion, effort: int, sigma: Fraction = Fraction(
     gone = dead_beat.analyse(inclusion)
     if gone is not None:
         return gone
-    if not inclusion.entries and inclusion.sampling.kind == "periodic":
+    if not inclusion.entries and inclusion.sampling.is_periodic:
         certificate = Certificate(MONODROMY, inclusion.sampling, {"sigma": fraction_text(sigma)})
         return certificate if prove(inclusion, certificate).proved else None
     if common_quadratic.applies(inclusion):
@@ -237,9 +237,9 @@ def design_impulsive(
     """
     cuts = {} if cuts is None else cuts
     law = open_loop.sampling
-    if len(open_loop.entries) > MAX_CORNER_ENTRIES or law.T_max.sign() != 1 or law.kind == "updated":
+    if len(open_loop.entries) > MAX_CORNER_ENTRIES or law.T_max.sign() != 1 or law.is_updated:
         return None
-    from_zero, longest = law.T_min.sign() == 0, law.T_max.rational
+    from_zero, longest = law.from_zero, law.T_max.rational
     away = open_loop
     if from_zero:
         if longest is None:
@@ -382,7 +382,7 @@ def _level(effort: int) -> int:
 
 def shapes(inclusion: HybridInclusion, effort: int) -> Iterator[Shape]:
     """The schedule of shapes for this inclusion, coarse to fine."""
-    if inclusion.sampling.kind == "updated":
+    if inclusion.sampling.is_updated:
         return
     T_min, T_max = float(inclusion.sampling.T_min), float(inclusion.sampling.T_max)
     if not 0 < T_max < 1e12 or len(inclusion.entries) > MAX_CORNER_ENTRIES:
@@ -392,7 +392,7 @@ def shapes(inclusion: HybridInclusion, effort: int) -> Iterator[Shape]:
     for (d, D, pieces), largest in zip(_SCHEDULE, _LARGEST[level], strict=True):
         if (pieces * d + 1) * N * (N + 1) // 2 > largest:
             return
-        if inclusion.sampling.T_min == inclusion.sampling.T_max:
+        if inclusion.sampling.is_periodic:
             yield Shape(d, D, pieces, 0)
         elif T_min == 0:
             yield Shape(d, D, 0, pieces)
@@ -444,7 +444,7 @@ def _search(
     import numpy as np
 
     law = inclusion.sampling
-    from_zero = law.T_min.sign() == 0
+    from_zero = law.from_zero
     S = split_basis(inclusion) if from_zero and C is None else basis(inclusion)
     if S is None or (from_zero and C is not None):
         return None

@@ -34,7 +34,7 @@ from cdobs_cli.certify.taylor import ORDER, Taylor, bernstein_weights, entries, 
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import arb_fraction, decimal_text, fraction_text
 from cdobs_cli.hybrid import HybridInclusion
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     import numpy as np
@@ -54,7 +54,7 @@ _GRID, _FINE, _ROUNDS = 10, 96, 6
 def applies(inclusion: HybridInclusion) -> bool:
     """No uncertain slope, an interval of periods."""
     law = inclusion.sampling
-    return not inclusion.entries and law.kind == "aperiodic" and (law.T_max - law.T_min).sign() == 1
+    return not inclusion.entries and law.is_bounded and not law.is_periodic
 
 
 def fall(P: Any, M: Any) -> Any:
@@ -68,11 +68,11 @@ def prove(inclusion: HybridInclusion, certificate: Certificate) -> bool:
     Raises: KeyError, TypeError, ValueError, IndexError, ZeroDivisionError on data that nobody wrote.
     """
     law, data = certificate.sampling, certificate.data
-    if inclusion.entries or law.kind != "aperiodic" or law.T_max.sign() != 1 or law.T_min.sign() not in (0, 1):
+    if inclusion.entries or law.is_periodic or not law.is_bounded:
         return False
     sigma, degree = Fraction(data["sigma"]), int(data["degree"])
     low, high = law_ends(law)
-    error = sampled_error(inclusion.balls, law.T_min.sign() == 0)
+    error = sampled_error(inclusion.balls, law.from_zero)
     if sigma < 0 or not 1 <= degree <= max(_DEGREES) or not low < high or error is None or error.size == 0:
         return False
     P = _symmetric(data["P"])
@@ -216,7 +216,7 @@ def analyse(inclusion: HybridInclusion, effort: int, sigma: Fraction = Fraction(
     low, high = float(law.T_min), float(law.T_max)
     if not applies(inclusion) or not 0 <= low < high < 1e12:
         return None
-    error = sampled_error(inclusion.balls, law.T_min.sign() == 0)
+    error = sampled_error(inclusion.balls, law.from_zero)
     if error is None or error.size == 0:
         return None
     periods, maps = _maps(error, low, high, float(sigma))

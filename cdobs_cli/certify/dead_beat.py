@@ -11,7 +11,7 @@ from __future__ import annotations
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.hybrid import HybridInclusion
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 
 METHOD = "dead_beat"
 
@@ -31,14 +31,14 @@ def analyse(inclusion: HybridInclusion) -> Certificate | None:
 def prove(inclusion: HybridInclusion, certificate: Certificate) -> bool:
     """Whether every error is 0 after finitely many samples under the certificate's law."""
     law = certificate.sampling
-    if law.kind == "updated" or law.T_max.sign() != 1 or law.T_min.sign() not in (0, 1):
+    if not law.is_bounded:
         return False
     return resets(inclusion) or _is_nilpotent_at(inclusion, law)
 
 
 def _is_nilpotent_at(inclusion: HybridInclusion, law: SamplingLaw) -> bool:
     T = law.T_max.rational
-    if inclusion.entries or law.kind != "periodic" or T is None:
+    if inclusion.entries or not law.is_periodic or T is None:
         return False
     maps = inclusion.balls
     if not (maps.base.is_rational and maps.jump.is_rational):

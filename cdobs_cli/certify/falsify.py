@@ -27,7 +27,7 @@ from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import Exact, decimal_text, lower_text
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     import numpy as np
@@ -268,7 +268,7 @@ def candidate_periods(law: SamplingLaw, effort: int) -> list[Exact]:
     """Periods of the law worth a try: its ends, and for an interval some between (0 is never used: a law
     from 0 contains arbitrarily short periods, not the period 0)."""
     ends = [T for T in (law.T_max, law.T_min) if T.sign() == 1]
-    if law.T_min == law.T_max or not ends:
+    if law.is_periodic or not ends:
         return ends[:1]
     low, high = law.T_min.rational, law.T_max.rational
     if low is None or high is None:

@@ -47,11 +47,11 @@ def prove(inclusion: HybridInclusion, certificate: Certificate) -> bool:
     Raises: KeyError, TypeError, ValueError, IndexError, ZeroDivisionError on data that nobody wrote.
     """
     law, data = certificate.sampling, certificate.data
-    if inclusion.entries or law.kind != "aperiodic" or law.T_max.sign() != 1 or law.T_min.sign() not in (0, 1):
+    if inclusion.entries or law.is_periodic or not law.is_bounded:
         return False
     sigma = Fraction(data["sigma"])
     low, high = law_ends(law)
-    error = sampled_error(inclusion.balls, law.T_min.sign() == 0)
+    error = sampled_error(inclusion.balls, law.from_zero)
     if sigma < 0 or not low < high or error is None or error.size != 2 or not 2 <= len(data["vertices"]) <= _MOST:
         return False
     half = [(Fraction(x), Fraction(y)) for x, y in data["vertices"]]
@@ -109,7 +109,7 @@ def analyse(inclusion: HybridInclusion, effort: int, sigma: Fraction = Fraction(
     low, high = float(law.T_min), float(law.T_max)
     if not applies(inclusion) or not 0 <= low < high < 1e12:
         return None
-    error = sampled_error(inclusion.balls, law.T_min.sign() == 0)
+    error = sampled_error(inclusion.balls, law.from_zero)
     if error is None or error.size != 2 or error.kept == 2:
         return None
     level = max(0, min(effort, 3))

@@ -32,7 +32,8 @@ from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, fraction_text, lower_text
 from cdobs_cli.exact.rational import is_zero, simplify
-from cdobs_cli.plant import Plant, SamplingLaw
+from cdobs_cli.plant import Plant
+from cdobs_cli.sampling import SamplingLaw
 
 _CORNERS = 32
 _DENOMINATOR = 10**6
@@ -82,7 +83,7 @@ def unseen(plant: Plant, law: SamplingLaw | None = None) -> Unseen | None:
     At the corners of the slope box (some of them), its middle, and the slopes nearest to 0. None says nothing.
     """
     law = law or plant.sampling
-    if law.kind == "updated" or law.T_max.sign() != 1 or law.T_min.sign() not in (0, 1):
+    if not law.is_bounded:
         return None
     C = _factored(plant.C)
     if C is None:
@@ -225,7 +226,7 @@ def _spaces(F: Matrix) -> Iterator[tuple[Fraction, Fraction, Matrix]]:
 
 def _periods(eigenvalues: list[tuple[Fraction, Fraction]], c: Exact, law: SamplingLaw) -> Iterator[tuple[Exact, Fraction]]:
     """(T, q^2) with c T = q pi, T in the law: the period itself, or those at which a pair is aliased."""
-    if law.kind == "periodic":
+    if law.is_periodic:
         squared = _turns_squared(law.T_max * c)
         if squared is not None:
             yield law.T_max, squared

@@ -70,6 +70,10 @@ class Exact:
     def __mul__(self, other: Exact) -> Exact:
         return Exact(self.expression * other.expression)
 
+    def is_at_most(self, other: Exact) -> bool:
+        """Whether self <= other for certain."""
+        return self == other or (other - self).sign() in (0, 1)
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Exact) and self.expression == other.expression
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from cdobs_cli.certificate import Bound, Check, Claim, Status
 from cdobs_cli.chart import Chart, Exhibits
 from cdobs_cli.design import Design
-from cdobs_cli.plant import Domain, Plant, SamplingLaw, TypedDynamics
+from cdobs_cli.plant import Domain, Plant, TypedDynamics
 
 if TYPE_CHECKING:
     from cdobs_cli.families.base import Family
@@ -43,15 +43,6 @@ def bound_title(name: str) -> str:
         words = f"Largest sampling period, {head.removesuffix('_period_max').replace('_', ' ')}"
     title = BOUND_TITLES.get(head, words[:1].upper() + words[1:])
     return f"{title}: {method.replace('_', ' ')}" if method else title
-
-
-def law_text(law: SamplingLaw) -> str:
-    """The sampling law in words."""
-    if law.kind == "periodic":
-        return f"every {law.T_max} s"
-    if law.kind == "aperiodic":
-        return f"at intervals anywhere in [{law.T_min}, {law.T_max}] s"
-    return "at instants that the observer chooses"
 
 
 # ---------------------------------------------------------------- the report
@@ -162,7 +153,7 @@ class Report:
             found.append(self._assumption)
         if self.check is not None and self.status == "proved":
             bound = self.headline_bound
-            if bound is not None and bound[0] == "period_max" and self.design.sampling.kind == "periodic":
+            if bound is not None and bound[0] == "period_max" and self.design.sampling.is_periodic:
                 found.append("The period is constant; a smaller constant period is not implied by a larger one.")
         return tuple(found)
 

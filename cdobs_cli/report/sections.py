@@ -10,7 +10,7 @@ from cdobs_cli.certificate import Bound, Claim, Witness
 from cdobs_cli.chart import Table
 from cdobs_cli.report.blocks import Block, Bullets, Cell, Code, Grid, Listing, Mark, Mathematics, Paragraph, Picture, Section
 from cdobs_cli.report.ladder import Ladder
-from cdobs_cli.report.model import Report, bound_title, domain_text, law_text
+from cdobs_cli.report.model import Report, bound_title, domain_text
 from cdobs_cli.report.numbers import NOTHING, about_text, end_text, ends_text, margin_text, number_text
 from cdobs_cli.report.references import cited
 from cdobs_cli.report.systems import (
@@ -96,9 +96,9 @@ def _slopes(report: Report) -> tuple[Block, ...]:
 
 def _measurement(report: Report) -> Section:
     designed, typed = report.design.sampling, report.plant.sampling
-    text = f"Samples are taken {law_text(designed)}."
-    if designed != typed and typed.kind != "updated":
-        text += f" This is the law designed for; the spec asks for samples {law_text(typed)} at least."
+    text = f"Samples are taken {designed.text('s')}."
+    if designed != typed and not typed.is_updated:
+        text += f" This is the law designed for; the spec asks for samples {typed.text('s')} at least."
     return Section("Measurement", (Mathematics(output_equations(report.plant)), Paragraph(text)))
 
 

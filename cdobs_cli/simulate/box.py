@@ -18,8 +18,9 @@ from cdobs_cli.errors import UsageError
 from cdobs_cli.exact.expression import Expression, ExpressionError, Number, Variable, call
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import HybridSystem
-from cdobs_cli.plant import Box, SamplingLaw
+from cdobs_cli.plant import Box
 from cdobs_cli.run import Run, SimulationPlan
+from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.engine import simulate
 
 if TYPE_CHECKING:

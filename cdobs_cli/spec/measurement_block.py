@@ -14,7 +14,7 @@ from cdobs_cli.fields import (
     PositiveNumber,
     Rows,
 )
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.spec.block import Block
 from cdobs_cli.spec.boxes import MAX_STATES, BoxBlock, box_problems, ordered, shape_problem
 from cdobs_cli.spec.plant_block import PlantBlock

@@ -16,7 +16,8 @@ from cdobs_cli.fields import (
     formula,
     sized,
 )
-from cdobs_cli.plant import Box, CoordinateMap, Domain, Input, Plant, SamplingLaw, TypedDynamics
+from cdobs_cli.plant import Box, CoordinateMap, Domain, Input, Plant, TypedDynamics
+from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.spec.block import Block, Name
 from cdobs_cli.spec.boxes import MAX_STATES, BoxBlock, IntervalField, box_problems, length_problem, shape_problem
 from cdobs_cli.spec.domain_block import DomainBlock

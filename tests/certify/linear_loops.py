@@ -5,7 +5,7 @@ from example_inclusions import held, impulsive, plant
 
 from cdobs_cli.certify.falsify import exponentials, spectral_radii
 from cdobs_cli.exact.numbers import Exact, decimal_text
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 
 ZERO = [[0, 0], [0, 0]]
 KINDS = ("impulsive", "held", "impulsive from 0")

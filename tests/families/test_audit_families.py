@@ -17,7 +17,8 @@ from cdobs_cli.families.reachability import Reachability
 from cdobs_cli.families.updated_sampling.lipschitz import rate_claim, typed_rate
 from cdobs_cli.families.updated_sampling.proof import Numbers, prove_prime
 from cdobs_cli.families.updated_sampling.synthesis import synthesize as updated
-from cdobs_cli.plant import Plant, SamplingLaw, Slopes
+from cdobs_cli.plant import Plant, Slopes
+from cdobs_cli.sampling import SamplingLaw
 
 NONE = ExactMatrix([[0, 0], [0, 0]])
 OSCILLATOR = ExactMatrix([[0, "pi"], ["-pi", 0]])

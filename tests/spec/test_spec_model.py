@@ -17,7 +17,8 @@ from cdobs_cli.errors import SpecError
 from cdobs_cli.exact.expression import Call, Number, Variable
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.exact.parser import parse
-from cdobs_cli.plant import Interval, SamplingLaw
+from cdobs_cli.plant import Interval
+from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.spec.model import load
 
 HEAD = "spec_version: 1\n"

@@ -20,7 +20,8 @@ from cdobs_cli.families.interval.intersect import measured_rows
 from cdobs_cli.families.interval.positivity import PositivityLimit, positivity_limit
 from cdobs_cli.families.interval.sampled_width import width_contracts
 from cdobs_cli.families.interval.theorems import Coordinates, assumption_3, coordinates, error_flow, error_held, width_matrix
-from cdobs_cli.plant import Box, Plant, SamplingLaw
+from cdobs_cli.plant import Box, Plant
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from cdobs_cli.families.interval import Interval
@@ -193,11 +194,6 @@ def declared_widths(plant: Plant) -> tuple[Matrix, Matrix]:
         return ExactMatrix([[high - low] for low, high in zip(box.lower, box.upper, strict=True)]).balls()
 
     return widths(plant.disturbance, plant.n), widths(plant.noise, plant.p)
-
-
-def periods_text(law: SamplingLaw) -> str:
-    """The periods of a law, for a sentence."""
-    return f"T_k = {law.T_max}" if law.kind == "periodic" else f"T_k in [{law.T_min}, {law.T_max}]"
 
 
 def matrices(a: Analysis) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix]:

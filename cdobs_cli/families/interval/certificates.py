@@ -24,7 +24,8 @@ from cdobs_cli.families.interval.intersect import measured_rows
 from cdobs_cli.families.interval.positivity import PositivityLimit, positivity_limit
 from cdobs_cli.families.interval.theorem_2 import Theorem2, find_theorem_2, gain_limit, observer_loop, refute_theorem_2
 from cdobs_cli.families.interval.theorems import Coordinates, assumption_3, coordinates, error_flow, error_held, width_matrix
-from cdobs_cli.plant import Plant, SamplingLaw
+from cdobs_cli.plant import Plant
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from cdobs_cli.families.interval import Interval

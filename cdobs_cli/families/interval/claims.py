@@ -10,7 +10,7 @@ from cdobs_cli.certificate import Bound, Check, Claim, Status, Witness
 from cdobs_cli.design import Design
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, lower_text, upper_text
-from cdobs_cli.families.interval.analysis import SOURCE, Analysis, at_most, matrices, periods_text, same_law
+from cdobs_cli.families.interval.analysis import SOURCE, Analysis, at_most, matrices, same_law
 from cdobs_cli.families.interval.boundedness import Lmi15, lmi_15_limit, prove_lmi_15, refute_hurwitz
 from cdobs_cli.families.interval.enclosure_claims import boundedness, positivity
 from cdobs_cli.families.interval.feedback_claims import separation, theorem_2
@@ -72,7 +72,7 @@ def _convergence(design: Design, status: Status, statement: str, by: str | None 
 def _consequence(a: Analysis, parts: dict[str, Status]) -> Claim:
     """Enclosure and boundedness from their parts."""
     inside = "x stays between its bounds" if a.is_hull else "z = S x, and with it x, stays between its bounds"
-    what = f"{inside} from every box at the start, and the bounds stay bounded, for every sampling with {periods_text(a.law)}"
+    what = f"{inside} from every box at the start, and the bounds stay bounded, for every sampling with {a.law.symbols}"
     what += _driven(a.plant)
     what += ", with the feedback in the loop" if a.has_feedback else " and every bounded x (Assumption 1)"
     failed = {name: next(claim for claim in a.claims if claim.id == name) for name, status in parts.items() if status == "refuted"}
@@ -168,7 +168,7 @@ def _hull(a: Analysis) -> Status:
     if compared:
         _enclosure(a)
     exact = matrices(a)
-    text = f"|S F(s) S^-1| contracts in one weighted norm for every {periods_text(a.law)}"
+    text = f"|S F(s) S^-1| contracts in one weighted norm for every {a.law.symbols}"
     stored = a.matrix("hull", "w")
     frontier = a.matrix("hull_frontier", "w")
     if frontier is not None and same_law(frontier[0], a.law) and prove_hull(*exact, frontier[1], frontier[0], a.effort):

@@ -25,7 +25,7 @@ from cdobs_cli.families.interval.held_loop import growth, holds_on, law_ends
 from cdobs_cli.families.interval.parts import negative_part, positive_part
 from cdobs_cli.families.interval.rays import extreme_rays
 from cdobs_cli.families.interval.theorems import Coordinates, error_flow, error_held
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 
 _PIECES = 256
 

@@ -18,7 +18,7 @@ from cdobs_cli.certify.falsify import exponentials
 from cdobs_cli.certify.lmi import Program, diagonal, full
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.families.interval.cone import Cone, ErrorSystem
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 
 Array = NDArray[np.float64]
 

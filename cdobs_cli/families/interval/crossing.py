@@ -23,7 +23,8 @@ from cdobs_cli.families.interval.analysis import at_most
 from cdobs_cli.families.interval.cone import both_sides
 from cdobs_cli.families.interval.intersect import measured_rows
 from cdobs_cli.families.interval.theorems import Coordinates, coordinates, error_flow, error_held
-from cdobs_cli.plant import Box, Plant, SamplingLaw
+from cdobs_cli.plant import Box, Plant
+from cdobs_cli.sampling import SamplingLaw
 
 
 @dataclass(frozen=True)

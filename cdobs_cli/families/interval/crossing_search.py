@@ -22,7 +22,8 @@ from cdobs_cli.families.interval.crossing import Crossing, refutes
 from cdobs_cli.families.interval.design import box_widths
 from cdobs_cli.families.interval.intersect import measured_rows
 from cdobs_cli.families.interval.theorems import coordinates, error_flow, error_held
-from cdobs_cli.plant import Plant, SamplingLaw
+from cdobs_cli.plant import Plant
+from cdobs_cli.sampling import SamplingLaw
 
 Array = NDArray[np.float64]
 Bools = tuple[tuple[bool, ...], tuple[bool, ...]]

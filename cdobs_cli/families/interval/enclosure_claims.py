@@ -6,7 +6,7 @@ from cdobs_cli.certificate import Bound, Status, Witness
 from cdobs_cli.certify.bracket import short_period
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, lower_text, upper_text
-from cdobs_cli.families.interval.analysis import SOURCE, Analysis, periods_text
+from cdobs_cli.families.interval.analysis import SOURCE, Analysis
 from cdobs_cli.families.interval.boundedness import refute_hurwitz
 from cdobs_cli.families.interval.cone import Cone
 from cdobs_cli.families.interval.crossing_search import crossing_from_box, crossing_from_signals, find_crossing
@@ -21,7 +21,7 @@ def positivity(a: Analysis) -> Status:
     """Whether x stays between its bounds from every box of x(0) under the law; with the hull predictor the bounds
     meant are those without it, which are not run: then there is no run to look for that loses the state."""
     limit, T = a.limit, a.law.T_max
-    text = f"{_whose(a)}x stays between its bounds from every box of x(0) for every {periods_text(a.law)}"
+    text = f"{_whose(a)}x stays between its bounds from every box of x(0) for every {a.law.symbols}"
     proved = "inf" if limit.proved is None else lower_text(fraction_ball(limit.proved))
     refuted = None if limit.refuted is None else upper_text(fraction_ball(limit.refuted))
     a.bounds["positivity_period_max.orthant"] = Bound(proved, refuted, method="exact condition E(s) >= 0", about="every box of z(0)")
@@ -127,7 +127,7 @@ def boundedness(a: Analysis) -> Status:
     """
     if a.ordered:
         return _boundedness_in_order(a)
-    text = f"{_whose(a)}the width of the bounds stays bounded for every {periods_text(a.law)}, and settles"
+    text = f"{_whose(a)}the width of the bounds stays bounded for every {a.law.symbols}, and settles"
     if a.cone is not None and a.shrinks:
         return a.say("boundedness", "certificate", "proved", text, method="the errors in the cone shrink from sample to sample")
     if a.contracts and (a.cone is not None or not a.cuts):

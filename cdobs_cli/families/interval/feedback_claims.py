@@ -7,7 +7,7 @@ from typing import Any
 from cdobs_cli.certificate import Bound, Status, Witness
 from cdobs_cli.certify.bracket import smallest_refuted
 from cdobs_cli.exact.numbers import Exact, lower_text
-from cdobs_cli.families.interval.analysis import SOURCE, Analysis, at_most, periods_text, same_law
+from cdobs_cli.families.interval.analysis import SOURCE, Analysis, at_most, same_law
 from cdobs_cli.families.interval.held_loop import closed_loop, held_inclusion, prove_held_loop, refute_held_loop
 from cdobs_cli.families.interval.theorem_2 import Theorem2, gain_limit, observer_loop, prove_theorem_2, refute_theorem_2
 
@@ -16,7 +16,7 @@ def separation(a: Analysis) -> Status:
     """The held loop xdot = A x + B (K_lower + K_upper) S x(t_k), proved or refuted under the law."""
     source = f"{SOURCE}, (16), (17)"
     text = "Separation: the errors do not depend on u, and xdot = A x + B (K_lower + K_upper) S x(t_k) is stable"
-    text += f" for every {periods_text(a.law)}"
+    text += f" for every {a.law.symbols}"
     A, closed = closed_loop(a.plant, a.design.gain)
     proved_until: Exact | None = None
     frontier = a.matrix("held_loop_frontier", "P")

@@ -17,7 +17,7 @@ from cdobs_cli.families.interval.held_loop import growth, holds_on, law_ends
 from cdobs_cli.families.interval.hull import contraction
 from cdobs_cli.families.interval.parts import absolute, metzler_split
 from cdobs_cli.families.interval.theorems import Coordinates
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 
 _PIECES = 512
 

@@ -32,7 +32,8 @@ from cdobs_cli.families.interval.certificates import (
 )
 from cdobs_cli.families.interval.design import Search, Shape, printed
 from cdobs_cli.families.interval.held_loop import closed_loop, descriptor_design
-from cdobs_cli.plant import Plant, SamplingLaw
+from cdobs_cli.plant import Plant
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from cdobs_cli.families.interval import Interval

@@ -18,7 +18,7 @@ from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text, upper_text
 from cdobs_cli.families.lpv_zoh import any_gain, printed, printed_search, repaired, wirtinger
-from cdobs_cli.families.lpv_zoh.laws import DOWN_TO_ZERO, at_period, contains, covers
+from cdobs_cli.families.lpv_zoh.laws import DOWN_TO_ZERO, at_period, covers
 from cdobs_cli.families.lpv_zoh.observer import inclusion
 from cdobs_cli.families.lpv_zoh.theorems import vertices_25
 from cdobs_cli.hybrid import PlantView
@@ -82,10 +82,10 @@ def certify(family: LpvZeroOrderHold, plant: Plant, design: Design, effort: int)
     law = design.sampling
     plant = at_period(plant, law.T_max)
     nobody = [c for c in design.certificates if c.method == any_gain.METHOD and _no_gain(plant, c)]
-    any_bound = _any_gain_bound([c for c in nobody if contains(law.with_period(c.sampling.T_max), c.sampling)])
+    any_bound = _any_gain_bound([c for c in nobody if law.with_period(c.sampling.T_max).contains(c.sampling)])
     hidden = unseen(plant)
     if design.outcome == "none":
-        defeated = next((c for c in nobody if contains(law, c.sampling)), None)
+        defeated = next((c for c in nobody if law.contains(c.sampling)), None)
         status: Status = "refuted" if defeated is not None or hidden is not None else "undecided"
         reason = "no gain survives this sampling law" if defeated is not None else design.reason or "no gain was found"
         witness = Witness("vector", "class", data=dict(defeated.data)) if defeated is not None else None
@@ -144,9 +144,9 @@ def _usable(proof: Proved, plant: Plant) -> bool:
 
 def _periods(certificate: Certificate) -> str:
     method, law = certificate.method, certificate.sampling
-    if method in DOWN_TO_ZERO or law.T_min.sign() == 0:
+    if method in DOWN_TO_ZERO or law.from_zero:
         return f"every T_k <= {law.T_max}"
-    return f"T_k = {law.T_max}" if law.kind == "periodic" else f"T_k in [{law.T_min}, {law.T_max}]"
+    return law.symbols
 
 
 def _no_gain(plant: Plant, certificate: Certificate) -> bool:
@@ -177,8 +177,7 @@ def _certificate_claim(certificate: Certificate, proof: Proved | None, before: l
 def _convergence(plant: Plant, L: ExactMatrix, proofs: list[Proved], effort: int, hidden: Unseen | None) -> Claim:
     """The one required claim: proved by a certificate that covers the law, else refuted by a counterexample."""
     law = plant.sampling
-    periods = f"T_k = {law.T_max}" if law.kind == "periodic" else f"any T_k in [{law.T_min}, {law.T_max}]"
-    statement = f"The error converges to 0 for {periods} and every plant of the slope class"
+    statement = f"The error converges to 0 for {law.symbols} and every plant of the slope class"
     source = "Boukal2020, (24)"
     covering = [proof for proof in proofs if covers(proof.certificate, law)]
     if covering:

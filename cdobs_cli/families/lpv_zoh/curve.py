@@ -14,7 +14,8 @@ from cdobs_cli.families.lpv_zoh import wirtinger
 from cdobs_cli.families.lpv_zoh.climb import GAIN_DIGITS
 from cdobs_cli.families.lpv_zoh.laws import at_period, covers, largest, short
 from cdobs_cli.families.lpv_zoh.observer import inclusion
-from cdobs_cli.plant import Plant, SamplingLaw
+from cdobs_cli.plant import Plant
+from cdobs_cli.sampling import SamplingLaw
 
 _POINTS = 6
 _LARGEST = 700  # (n + p)^3 times corners: beyond that the points take too long

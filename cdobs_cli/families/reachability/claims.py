@@ -27,7 +27,8 @@ from cdobs_cli.families.reachability.proof import METHOD, Constants, SetProof, c
 from cdobs_cli.families.reachability.sets import box_holds, construction, inclusion_12, matrix_set, reachable_box, set_limit
 from cdobs_cli.families.reachability.structure import is_chain
 from cdobs_cli.hybrid import HybridInclusion
-from cdobs_cli.plant import Plant, SamplingLaw
+from cdobs_cli.plant import Plant
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from cdobs_cli.families.reachability import Reachability
@@ -107,7 +108,7 @@ def certify(family: Reachability, plant: Plant, design: Design, effort: int) -> 
         claims += _set_claims(family, plant, K, item, limit) if item.set_proof is not None else [_other_claim(item, law)]
     claims += _ladder_claims([item for item in judged if item not in here])
     claims += [_reference_claim(plant, certificate) for certificate in design.certificates if certificate.method == REFERENCE]
-    if plant.sampling.kind == "periodic" and not any(item.set_proof for item in here) and family.method != CLOCK:
+    if plant.sampling.is_periodic and not any(item.set_proof for item in here) and family.method != CLOCK:
         claims += [*_typed_inclusion(family, plant, law.T_max), _no_set_claim(law)]
     proofs = [item for item in here if item.proved]
     witness = None if proofs else hidden.witness(plant) if hidden is not None else refute(_closed(plant, K, law), effort)
@@ -144,7 +145,7 @@ def _convergence(status: Any, statement: str, **more: Any) -> Claim:
 
 
 def _conclusion(law: SamplingLaw, proofs: list[Judged], witness: Any) -> Claim:
-    statement = f"The error converges to 0 for every slope history in the class, sampling {_law(law)}."
+    statement = f"The error converges to 0 for every slope history in the class, sampling {law.words}."
     if proofs:
         best = max(proofs, key=lambda item: float(item.rate.lower()))
         by = "set.contraction" if best.method == METHOD else best.method
@@ -153,10 +154,6 @@ def _conclusion(law: SamplingLaw, proofs: list[Judged], witness: Any) -> Claim:
         method = "unseen direction" if witness.kind == "vector" else f"{witness.kind} slopes"
         return _convergence("refuted", statement, method=method, witness=witness)
     return _convergence("undecided", statement)
-
-
-def _law(law: SamplingLaw) -> str:
-    return f"every {law.T_max}" if law.kind == "periodic" else f"at periods in [{law.T_min}, {law.T_max}]"
 
 
 def _set_claims(family: Reachability, plant: Plant, K: ExactMatrix, item: Judged, limit: arb) -> list[Claim]:
@@ -228,14 +225,14 @@ def _no_set_claim(law: SamplingLaw) -> Claim:
 
 def _other_claim(item: Judged, law: SamplingLaw) -> Claim:
     if item.method == PLANAR:
-        statement = f"No slope history makes |e_2| after a jump as large as after the jump before, sampling {_law(law)}."
+        statement = f"No slope history makes |e_2| after a jump as large as after the jump before, sampling {law.words}."
         return Claim(PLANAR, "certificate", _status(item.proved), statement, SOURCES[PLANAR], method="switching times enclosed in balls")
     if item.method == DEAD_BEAT:
-        statement = f"Every error is 0 after finitely many samples, sampling {_law(law)}."
+        statement = f"Every error is 0 after finitely many samples, sampling {law.words}."
         return Claim(DEAD_BEAT, "certificate", _status(item.proved), statement, SOURCES[DEAD_BEAT], method="exact matrices")
     what, how = CLOCK_FORMS.get(item.certificate.method, CLOCK_FORMS[clock.METHOD])
     return Claim(
-        CLOCK, "certificate", _status(item.proved), f"{what}, sampling {_law(law)}.", SOURCES[CLOCK],
+        CLOCK, "certificate", _status(item.proved), f"{what}, sampling {law.words}.", SOURCES[CLOCK],
         margin=lower_text(item.rate, 6) if item.proved and item.rate > 0 else None, method=how,
     )  # fmt: skip
 
@@ -261,7 +258,7 @@ def _ladder_claim(item: Judged) -> Claim:
     whose = "This gain" if item.own else "Some gain"
     name = "period_max" if item.own else "period_max_any_gain"
     return Claim(
-        f"{name}.{item.method}", "certificate", _status(item.proved), f"{whose} converges, sampling {_law(item.certificate.sampling)}.",
+        f"{name}.{item.method}", "certificate", _status(item.proved), f"{whose} converges, sampling {item.certificate.sampling.words}.",
         SOURCES[item.method], method=item.method,
     )  # fmt: skip
 
@@ -282,10 +279,10 @@ def _bounds(family: Reachability, plant: Plant, K: ExactMatrix, judged: list[Jud
     bounds = {}
     proved = [item for item in judged if item.proved and item.certificate.sampling == law.with_period(item.T)]
     own = [item for item in proved if item.own]
-    about = "this gain" + ("" if law.kind == "periodic" else f", periods from {law.T_min}")
+    about = "this gain" + ("" if law.is_periodic else f", periods from {law.T_min}")
     for method in (METHOD, CLOCK, PLANAR):
         best = _longest([item for item in own if item.method == method])
-        tried = {METHOD: law.kind == "periodic", CLOCK: all(item.method != PLANAR for item in own), PLANAR: False}[method]
+        tried = {METHOD: law.is_periodic, CLOCK: all(item.method != PLANAR for item in own), PLANAR: False}[method]
         if best is not None or family.method == method or (family.method == "best" and tried):
             bounds[f"period_max.{method}"] = Bound(None if best is None else _T(best), None, "s", method, about)
     best = _longest(own)

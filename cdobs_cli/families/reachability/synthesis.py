@@ -25,7 +25,8 @@ from cdobs_cli.families.reachability.proof import METHOD
 from cdobs_cli.families.reachability.set_design import Found, SetSearch
 from cdobs_cli.families.reachability.sets import box_holds
 from cdobs_cli.families.reachability.structure import is_chain
-from cdobs_cli.plant import Plant, SamplingLaw
+from cdobs_cli.plant import Plant
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from cdobs_cli.families.reachability import Reachability
@@ -53,7 +54,7 @@ class _Synthesis:
     def __init__(self, family: Reachability, plant: Plant, effort: int) -> None:
         self.family, self.plant, self.effort = family, plant, effort
         self.law = plant.sampling
-        self.by_set = family.method in ("best", "set") and self.law.kind == "periodic"
+        self.by_set = family.method in ("best", "set") and self.law.is_periodic
         self.by_clock = family.method in ("best", "clock")
         self.search = SetSearch(family, plant, effort)
         self.planar = PlanarSearch(self._closed_at, self.law.T_max, plant.C) if family.method == "best" and self.by_set else None

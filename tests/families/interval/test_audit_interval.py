@@ -5,7 +5,7 @@ from interval_plants import plant, scalar
 
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.families.interval import Gain, Interval
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 
 
 def law(T):

@@ -21,7 +21,7 @@ from cdobs_cli.families.interval.cone import Cone, ErrorSystem, _is_invariant
 from cdobs_cli.families.interval.crossing import Crossing, refutes
 from cdobs_cli.families.interval.crossing_search import crossing_from_box, crossing_from_signals
 from cdobs_cli.families.interval.rays import extreme_rays
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 
 A, C = [["1.5", "1.5"], ["-1.6", "-1.6"]], [["1", "0"]]
 S, L = [["1", "0"], ["1", "1"]], [["2"], ["-2"]]

@@ -11,7 +11,7 @@ from cdobs_cli.errors import UsageError
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.families.interval import Gain, Interval
 from cdobs_cli.hybrid import HybridSystem
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.box import replay_box
 
 LAGGING = Interval(gain=Gain(S=[[1, 0], [1, 1]], L=[[2], [-2]]))

@@ -32,7 +32,7 @@ from cdobs_cli.families.interval.theorem_2 import (
     spectral_norm,
 )
 from cdobs_cli.families.interval.theorems import feedback_flow, feedback_held, lmi_15, width_matrix
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 
 
 def width_of(z):

@@ -10,8 +10,8 @@ from cdobs_cli.design import Design
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import parse
 from cdobs_cli.families.interval import Feedback, Gain, Interval
-from cdobs_cli.plant import SamplingLaw
 from cdobs_cli.run import SimulationPlan
+from cdobs_cli.sampling import SamplingLaw
 
 PRINTED = Gain(S=PENDULUM_S, L=PENDULUM_L)
 PRINTED_K = Feedback(K_lower=[["-1/8", "-1/8"]], K_upper=[["-1/16", "-1/16"]])

@@ -18,7 +18,7 @@ from cdobs_cli.families.interval.hull import prove_hull
 from cdobs_cli.families.interval.intersect import intersected_width
 from cdobs_cli.families.interval.sampled_width import refute_width, width_contracts
 from cdobs_cli.families.interval.theorems import Coordinates, width_matrix
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 
 PRINTED = Gain(S=PENDULUM_S, L=PENDULUM_L)
 

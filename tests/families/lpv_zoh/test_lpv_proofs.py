@@ -12,7 +12,7 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold, any_gain, wirtinger
 from cdobs_cli.families.lpv_zoh.any_gain import Face
 from cdobs_cli.families.lpv_zoh.curve import Point, running_maxima
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 
 
 def family(**options: object) -> LpvZeroOrderHold:

@@ -11,7 +11,7 @@ from reachability_plants import chain, plant, symmetric_chain
 from cdobs_cli.certify import dead_beat
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.families.reachability import Reachability
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 
 
 def up_to(T):
