@@ -86,7 +86,8 @@ def _start(call: Call, pool: list[_Worker]) -> _Worker:
     ours, theirs = context.Pipe()
     # A forked process holds the ends of this one too: while it does, nobody sees them close.
     inherited = (ours, *(worker.pipe for worker in pool)) if forked else ()
-    process = context.Process(target=_work, args=(theirs, call, os.getpid(), inherited), daemon=True)  # type: ignore[attr-defined]
+    arguments = (theirs, call, os.getpid(), inherited)
+    process = context.Process(target=_work, args=arguments, daemon=True)  # type: ignore[attr-defined]
     with _signals_held():
         process.start()
         theirs.close()

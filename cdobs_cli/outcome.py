@@ -109,7 +109,8 @@ def cut_short(so_far: Result | None, spec: str, time_limit: float) -> Result:
     stages = f"{', '.join(told.waiting)} " if told.waiting else ""
     stands = "" if told.check is None else "; what was proved and stored by then stands"
     text = f"undecided: {stages}not finished within {time_limit:g} s (--time-limit){stands}"
-    return replace(told, status="finding", messages=(*told.messages, Message("error", text, spec, rule="time-limit")), waiting=())
+    late = Message("error", text, spec, rule="time-limit")
+    return replace(told, status="finding", messages=(*told.messages, late), waiting=())
 
 
 def exit_code(results: list[Result]) -> ExitCode:

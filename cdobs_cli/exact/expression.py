@@ -376,8 +376,9 @@ def _text(node: Expression, level: int) -> str:
         return f"({text})" if level > own else text
     # a * (b / c) must keep its brackets: the printed text is read back to the same tree.
     same = {"multiply": ("multiply", "divide"), "add": ("add",), "divide": ()}[node.function]
-    inner = (
-        f"({_text(right, 0)})" if isinstance(right, Call) and right.function in same else _text(right, own + (node.function == "divide"))
-    )
+    if isinstance(right, Call) and right.function in same:
+        inner = f"({_text(right, 0)})"
+    else:
+        inner = _text(right, own + (node.function == "divide"))
     text = f"{_text(left, own)} {sign} {inner}"
     return f"({text})" if level > own else text

@@ -28,7 +28,8 @@ def page(title: str, body: str, *, wide: bool = False, script: str = "", images:
 def policy(script: str, images: str) -> str:
     """The Content-Security-Policy of a page: its own styles (figures have some on every element), this one script."""
     scripts = f" script-src {source_hash(script)};" if script else ""
-    return f"default-src 'none'; style-src 'unsafe-inline'; img-src {images};{scripts} base-uri 'none'; form-action 'none'"
+    fetched = f"default-src 'none'; style-src 'unsafe-inline'; img-src {images};{scripts}"
+    return f"{fetched} base-uri 'none'; form-action 'none'"
 
 
 def source_hash(script: str) -> str:
