@@ -54,7 +54,11 @@ def propose(F: Array, J: Array, low: float, high: float, effort: int) -> list[Pe
     grid = low + (high - low) * shares
     if low == 0:
         grid[0] = grid[1] / 4
-    letters = J @ exponentials(F * grid[:, None, None])
+    # J = X Y: the error just after a sample lies in the range of J, often a plane.
+    U, sizes, Vt = np.linalg.svd(J)
+    rank = max(1, int(np.sum(sizes > 1e-12 * sizes[0])))
+    X, Y = U[:, :rank] * sizes[:rank], Vt[:rank]
+    letters = Y @ exponentials(F * grid[:, None, None]) @ X
     if not np.all(np.isfinite(letters)):
         return []
     scale = _balance(letters)
@@ -81,7 +85,7 @@ def propose(F: Array, J: Array, low: float, high: float, effort: int) -> list[Pe
         if not further or max(word.rate for word in further) <= fastest + 1e-9 * abs(fastest):
             break
     found.sort(key=lambda word: -word.rate)
-    moved = [_moved(word, F, J, low, high) for word in _distinct(found)[:_REFINED]]
+    moved = [_moved(word, F, X, Y, low, high) for word in _distinct(found)[:_REFINED]]
     return sorted([*moved, *found], key=lambda word: -word.rate)
 
 
@@ -159,7 +163,7 @@ def _distinct(words: list[PeriodWord]) -> list[PeriodWord]:
     return list(kept.values())
 
 
-def _moved(word: PeriodWord, F: Array, J: Array, low: float, high: float) -> PeriodWord:
+def _moved(word: PeriodWord, F: Array, X: Array, Y: Array, low: float, high: float) -> PeriodWord:
     """Coordinate search over the periods of one word, halving the steps."""
     import numpy as np
 
@@ -170,8 +174,8 @@ def _moved(word: PeriodWord, F: Array, J: Array, low: float, high: float) -> Per
     step = (high - low) / 8
     for _ in range(_STEPS):
         trials = np.clip(np.concatenate([periods + step * np.eye(count), periods - step * np.eye(count)]), max(low, high * 1e-5), high)
-        maps = J @ exponentials(F * trials.reshape(-1)[:, None, None])
-        product = maps.reshape(2 * count, count, *F.shape)
+        maps = Y @ exponentials(F * trials.reshape(-1)[:, None, None]) @ X
+        product = maps.reshape(2 * count, count, *maps.shape[1:])
         total = product[:, 0]
         for k in range(1, count):
             total = product[:, k] @ total

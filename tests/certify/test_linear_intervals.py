@@ -191,6 +191,9 @@ def test_polygons_are_judged_at_all_corners_sides_and_periods():
     assert corners(turned("1.9", law)) and corners(turned("1.995", law)) and corners(turned("0.005", law))
     for K in ("2.005", "2.5", "-0.005"):
         assert not corners(turned(K, law))
+    # A corner that leaves across the opposite side only.
+    across = impulsive(plant(ZERO, ZERO, ZERO, [[1, 0], [0, 1]], law), [["1.75", "-0.75"], ["-0.1", "0.9"]])
+    assert not corners(across)
     # The error grows before it decays: 1.05 exp(-20 s), below 1 from s = 0.0025 on.
     assert corners(turned("-0.05", aperiodic("0.0025", "0.06"), "-20"))
     assert not corners(turned("-0.05", aperiodic("0.0024", "0.06"), "-20"))
