@@ -18,7 +18,7 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.interval import Gain, Interval
 from cdobs_cli.families.interval.analysis import Analysis
 from cdobs_cli.families.interval.cone import Cone, ErrorSystem, _is_invariant
-from cdobs_cli.families.interval.crossing import Crossing, refutes
+from cdobs_cli.families.interval.crossing import Crossing, distance, refutes
 from cdobs_cli.families.interval.crossing_search import crossing_from_box, crossing_from_signals
 from cdobs_cli.families.interval.rays import extreme_rays
 from cdobs_cli.sampling import SamplingLaw
@@ -348,6 +348,8 @@ def test_a_crossing_of_another_law_or_outside_its_box_is_no_witness():
         replace(good, after=Exact("0.97")),
     ):  # fmt: skip
         assert refutes(at, gain, wrong, at.sampling, cut=False) is None
+    twice = replace(good, periods=(Exact("0.96"), Exact(0)), low_d=(*nothing, nothing[0]), low_v=((False,),) * 3)
+    assert distance(at, gain, twice, cut=False) < 0 and refutes(at, gain, twice, at.sampling, cut=False) is None
 
 
 @pytest.mark.parametrize(("seed", "by_signals"), [(0, False), (1, True), (2, False), (3, True)])
@@ -368,9 +370,9 @@ def test_crossings_are_seen_with_rows_cut_as_the_observer_cuts_them(seed, by_sig
     for found in (crossing_from_box, crossing_from_signals)[: 1 + by_signals]:
         witness = found(at, gain, at.sampling, cut=True)
         assert witness is not None
-        distance = replay(Bounds(*data, cut=[(0, np.array([2.0, 0.0]))]), witness)
+        lost = replay(Bounds(*data, cut=[(0, np.array([2.0, 0.0]))]), witness)
         size = max(abs(float(text)) for text in (*witness.data["lower"], *witness.data["upper"], "1"))
-        assert distance < 0 and abs(distance - float(witness.data["distance"])) < 1e-8 * size
+        assert lost < 0 and abs(lost - float(witness.data["distance"])) < 1e-8 * size
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -13,11 +13,12 @@ from scipy.linalg import expm
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.interval import Feedback, Gain, Interval
-from cdobs_cli.families.interval.analysis import Analysis
+from cdobs_cli.families.interval.analysis import Analysis, declared_widths
 from cdobs_cli.families.interval.hull import prove_hull
 from cdobs_cli.families.interval.intersect import intersected_width
 from cdobs_cli.families.interval.sampled_width import refute_width, width_contracts
 from cdobs_cli.families.interval.theorems import Coordinates, width_matrix
+from cdobs_cli.families.interval.widths import comparison, plain_width
 from cdobs_cli.sampling import SamplingLaw
 
 PRINTED = Gain(S=PENDULUM_S, L=PENDULUM_L)
@@ -44,6 +45,22 @@ def test_a_width_that_diverges_has_no_final_value(tighten):
         assert check.verdict == "refuted" and claim.status == "refuted"
         assert float(claim.witness.multiplier) == pytest.approx(10 * (1 - exp(-1)) - exp(-1), rel=1e-9)
     assert float(check.bounds["period_max"].proved) == pytest.approx(np.log(1.1), rel=1e-6)
+
+
+def test_bounds_that_lose_the_state_have_no_final_width_even_where_they_settle():
+    """E_w = -0.14 at T = 1.35: the width contracts, to bounds that x crosses."""
+    check = checked(scalar(periodic("1.35")), Gain(S=[[1]], L=[["1.4"]]))
+    assert check.claim("positivity").status == "refuted" and check.claim("boundedness").status == "proved"
+    assert "final_width" not in check.bounds and check.verdict == "refuted"
+
+
+def test_a_hurwitz_matrix_alone_gives_no_width_beyond_the_orthant():
+    at = scalar(periodic("1"))
+    family = Interval(gain=Gain(S=[[1]], L=[["6"]]))
+    a = Analysis(family, at, family.synthesize(at, 0), 0)
+    assert a.hurwitz_rate is not None and not a.ordered
+    assert plain_width(a, *declared_widths(at)) is None
+    assert set(comparison(a)) <= {"hull"}
 
 
 @pytest.mark.parametrize(
