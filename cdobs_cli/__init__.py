@@ -1,3 +1,3 @@
 """cdobs: observers for continuous-time plants measured at discrete instants, designed and proved."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

@@ -6,7 +6,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
@@ -14,24 +14,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cdobs_cli.errors import INTERRUPTED, ArtefactError, CdobsError, ExitCode, Problem, SpecError, ToolError, UsageError
-from cdobs_cli.outcome import Message, Result, ResultStatus, exit_code, failure, readable
+from cdobs_cli.exact.budget import WorkError
+from cdobs_cli.outcome import Job, Message, Result, exit_code, failure, judged, readable
+from cdobs_cli.printable import lines
 
 if TYPE_CHECKING:
     from cdobs_cli.console import Console
     from cdobs_cli.pipeline import Work
     from cdobs_cli.spec.model import Spec
 
+Tell = Callable[[Result], None]
 SPEC_SUFFIXES = (".yaml", ".yml")
 PLANT_SUFFIXES = (".plant.yaml", ".plant.yml")
-
-
-@dataclass(frozen=True)
-class Job:
-    """One spec and the folder of its artefacts; or a path that cannot be carried out, and why."""
-
-    spec: Path
-    folder: Path
-    refused: str | None = None
 
 
 @dataclass(frozen=True)
@@ -87,55 +81,80 @@ def _below(top: Path, out: Path) -> list[Job]:
     return [*refused, *(Job(spec, out / spec.relative_to(top).with_suffix("")) for spec in sorted(specs))]
 
 
-def run(job: Job, stages: tuple[str, ...], settings: Settings) -> Result:
-    """Carry out the stages on one spec. Every failure becomes a Result; only KeyboardInterrupt passes."""
+def run(job: Job, stages: tuple[str, ...], settings: Settings, tell: Tell | None = None) -> Result:
+    """Carry out the stages on one spec. Every failure becomes a Result; only KeyboardInterrupt passes.
+
+    With a time limit, what is known before each stage is given to `tell`.
+    """
     start = time.perf_counter()
     try:
         if job.refused is not None:
             raise UsageError(job.refused)
-        result = _run(job, stages, settings)
+        result = _run(job, stages, settings, None if settings.time_limit is None else tell)
     except UsageError as error:
         result = Result(str(job.spec), "invalid", (Message("error", str(error), str(job.spec), rule="command"),))
     except SpecError as error:
         result = Result(str(job.spec), "invalid", tuple(Message.from_problem(problem) for problem in error.problems))
     except ArtefactError as error:
         result = Result(str(job.spec), "invalid", (Message("error", str(error), str(job.spec), rule="artefact"),))
+    except WorkError as error:  # not a mistake that reading could tell, and nothing was decided
+        result = Result(str(job.spec), "finding", (Message("error", f"undecided: {error}", str(job.spec), rule="work"),))
     except CdobsError as error:
         result = failure(str(job.spec), str(error))
+    except OSError as error:
+        result = failure(str(job.spec), f"the system refuses: {error.strerror or error}{f': {error.filename}' if error.filename else ''}")
     except (Exception, RecursionError, MemoryError) as error:
         if settings.verbose:
-            import traceback
-
-            traceback.print_exc(file=sys.stderr)
+            _show_where(error)
         result = failure(str(job.spec), f"internal error, {type(error).__name__}: {error}; please report it (-v prints where it happened)")
     return replace(result, seconds=time.perf_counter() - start)
 
 
-def _run(job: Job, stages: tuple[str, ...], settings: Settings) -> Result:
+def _run(job: Job, stages: tuple[str, ...], settings: Settings, tell: Tell | None) -> Result:
     from cdobs_cli.spec.model import load
 
     spec = load(job.spec)
     if not stages:
         return Result(str(job.spec), "ok")
     from cdobs_cli import pipeline
-    from cdobs_cli.findings import find
     from cdobs_cli.store import Store
 
-    work = pipeline.Work(spec, Store(job.folder), settings.effort, frozenset(stages) if settings.force else frozenset())
+    store = Store(job.folder)
+    store.open()
+    work = pipeline.Work(spec, store, settings.effort, frozenset(stages) if settings.force else frozenset())
     verbs: dict[str, Callable[[pipeline.Work], object]] = {
         "synthesize": pipeline.synthesize, "check": pipeline.check, "simulate": pipeline.simulate, "report": pipeline.report,
         "replay": partial(pipeline.replay, identifier=settings.witness or ""),
     }  # fmt: skip
     try:
-        for stage in stages:
+        for number, stage in enumerate(stages, start=1):
+            if tell is not None:
+                tell(_known(work, job, stages[: number - 1], settings, waiting=stages[number - 1 :]))
             verbs[stage](work)
     except SpecError as error:  # what only a run can see, e.g. a signal that leaves its interval
         raise SpecError(tuple(_placed(problem, spec) for problem in error.problems)) from error
+    return _known(work, job, stages, settings)
+
+
+def _known(work: Work, job: Job, stages: tuple[str, ...], settings: Settings, *, waiting: tuple[str, ...] = ()) -> Result:
+    """What there is to say after the stages that were carried out."""
+    if not stages:
+        return Result(str(job.spec), "ok", waiting=waiting)
+    from cdobs_cli import pipeline
+    from cdobs_cli.findings import find
+
     documents = pipeline.documents(work)
     told = _told_by(stages, documents)
-    messages = find(spec, documents, told)
-    status: ResultStatus = "finding" if messages else "ok"
-    return Result(str(job.spec), status, tuple(messages), **documents, **_told(work, job, stages, settings, told))  # type: ignore[arg-type]
+    messages = tuple(find(work.spec, documents, told))
+    more = _told(work, job, stages, settings, told)
+    return Result(str(job.spec), judged(messages), messages, **documents, **more, waiting=waiting)  # type: ignore[arg-type]
+
+
+def _show_where(error: BaseException) -> None:
+    import traceback
+
+    with suppress(OSError, ValueError):
+        print(lines("".join(traceback.format_exception(error))), file=sys.stderr)  # noqa: T201
 
 
 def _placed(problem: Problem, spec: Spec) -> Problem:
@@ -200,24 +219,26 @@ def carry_out(command: str, paths: Sequence[Path], stages: tuple[str, ...], sett
 def _each(
     todo: list[Job], stages: tuple[str, ...], settings: Settings, started: Callable[[int], None]
 ) -> Generator[tuple[int, Result], None, None]:
-    call = partial(run, stages=stages, settings=settings)
     if stages or settings.time_limit is not None:
         # What every worker needs is loaded once, before they part.
         for module in ("cdobs_cli.spec.model", *(("cdobs_cli.report.index",) if "report" in stages else ())):
             import_module(module)
         from cdobs_cli.isolation import each_isolated
 
-        yield from each_isolated(todo, call, workers=settings.jobs, time_limit=settings.time_limit, started=started)
+        yield from each_isolated(
+            todo, partial(run, stages=stages, settings=settings), workers=settings.jobs, time_limit=settings.time_limit, started=started
+        )
         return
     for number, job in enumerate(todo):
         started(number)
-        yield number, call(job)
+        yield number, run(job, stages, settings)
 
 
 def _write_index(results: list[Result], out: Path) -> None:
     from cdobs_cli.report.index import IndexEntry, index_page
-    from cdobs_cli.store import write_atomically
+    from cdobs_cli.store import sweep, write_atomically
 
+    sweep(out)
     rows = []
     for result in results:
         message = readable("; ".join(str(message) for message in result.messages))

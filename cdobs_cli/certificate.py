@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from cdobs_cli.codec import KEY, OPTIONAL, read_fields
+from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.plant import SamplingLaw
 
 Status = Literal["proved", "refuted", "undecided"]
-ClaimKind = Literal["premise", "certificate", "consequence", "printed"]
+ClaimKind = Literal["premise", "assumption", "certificate", "consequence", "printed"]
 About = Literal["class", "plant"]
+Better = Literal["more", "less"]
 
 
 @dataclass(frozen=True)
@@ -17,18 +20,19 @@ class Witness:
     """A counterexample that anyone can replay.
 
     kind: `constant` (one slope vector), `switching` (slope values per arc), `vector` (a state or error
-    vector), `point` (a point of the domain). `times` are arc lengths or sampling periods (decimal strings),
+    vector), `point` (a point of the domain), `box` (a box of x(0) and a word of sampling periods, with what
+    acts on the run in `data`). `times` are arc lengths or sampling periods (decimal strings),
     `values` one list of decimal strings per arc (order: `entries`), `multiplier` the proved growth per
     period as text. `about`: does it defeat the class of slopes, or the typed plant?
     """
 
-    kind: Literal["constant", "switching", "vector", "point"]
-    about: About
+    kind: Literal["constant", "switching", "vector", "point", "box"]
+    about: About = field(metadata={KEY: "class"})
     times: tuple[str, ...] = ()
     values: tuple[tuple[str, ...], ...] = ()
     multiplier: str | None = None
     entries: tuple[tuple[int, int], ...] = ()
-    data: dict[str, Any] = field(default_factory=dict)
+    data: dict[str, Any] = field(default_factory=dict, metadata={OPTIONAL: True})
 
     def document(self) -> dict[str, Any]:
         return {
@@ -39,11 +43,8 @@ class Witness:
 
     @staticmethod
     def from_document(document: dict[str, Any]) -> Witness:
-        return Witness(
-            document["kind"], document["class"], tuple(document["times"]),
-            tuple(tuple(row) for row in document["values"]), document["multiplier"],
-            tuple((int(i), int(j)) for i, j in document["entries"]), document.get("data", {}),
-        )  # fmt: skip
+        """Raises: KeyError, TypeError, ValueError on anything `document` did not write."""
+        return read_fields(Witness, document)
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,9 @@ class Claim:
     """One statement and what became of it.
 
     `margin` is a decimal string on the safe side: how far the deciding quantity is from its limit.
-    `by` names the certificate that a consequence rests on. Only slope premises and the consequence
-    `convergence` are required.
+    `by` names the certificate that a consequence rests on. Required are the slope premises, that phi is
+    defined, and the consequence `convergence`. An `assumption` is the user's to answer for where it is not
+    proved; it is named in the verdict, and never required.
     """
 
     id: str
@@ -73,32 +75,27 @@ class Claim:
             "by": self.by, "witness": self.witness.document() if self.witness else None,
         }  # fmt: skip
 
-    @staticmethod
-    def from_document(document: dict[str, Any]) -> Claim:
-        witness = document["witness"]
-        return Claim(
-            document["id"], document["kind"], document["status"], document["statement"], document["source"],
-            document["required"], document["margin"], document["method"], document["by"],
-            Witness.from_document(witness) if witness else None,
-        )  # fmt: skip
-
 
 @dataclass(frozen=True)
 class Bound:
-    """A bracket: decimal strings rounded to the safe side, "inf" allowed, None where nothing is known."""
+    """A bracket: decimal strings rounded to the safe side, "inf" allowed, None where nothing is known.
+
+    `better`: whether a larger or a smaller proved end says more. Of periods more is better, and a shortened
+    proved end is rounded down; of widths and errors less, and it is rounded up. The refuted end goes the other way.
+    """
 
     proved: str | None = None
     refuted: str | None = None
     unit: str = "s"
     method: str | None = None
     about: str | None = None
+    better: Better = "more"
 
     def document(self) -> dict[str, Any]:
-        return {"proved": self.proved, "refuted": self.refuted, "unit": self.unit, "method": self.method, "about": self.about}
-
-    @staticmethod
-    def from_document(document: dict[str, Any]) -> Bound:
-        return Bound(document["proved"], document["refuted"], document["unit"], document["method"], document["about"])
+        return {
+            "proved": self.proved, "refuted": self.refuted, "better": self.better, "unit": self.unit, "method": self.method,
+            "about": self.about,
+        }  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -115,7 +112,8 @@ class Certificate:
 
     @staticmethod
     def from_document(document: dict[str, Any]) -> Certificate:
-        return Certificate(document["method"], SamplingLaw.from_document(document["sampling"]), document["data"])
+        """Raises: KeyError, TypeError, ValueError on anything `document` did not write."""
+        return read_fields(Certificate, document)
 
 
 @dataclass(frozen=True)
@@ -145,8 +143,14 @@ class Check:
 
     @staticmethod
     def from_document(document: dict[str, Any]) -> Check:
-        return Check(
-            tuple(Claim.from_document(claim) for claim in document["claims"]),
-            {name: Bound.from_document(bound) for name, bound in document["bounds"].items()},
-            document["digests"],
-        )
+        """Raises: KeyError, TypeError, ValueError on anything `document` did not write."""
+        stored = dict(document)
+        verdict = stored.pop("verdict")
+        check = read_fields(Check, {key: value for key, value in stored.items() if key != "schema_version"})
+        if verdict != check.verdict or not any(claim.required for claim in check.claims):
+            raise ValueError("a verdict that does not follow from the claims")
+        for bound in check.bounds.values():
+            for end in (bound.proved, bound.refuted):
+                if end is not None and end.removeprefix("-") != "inf":
+                    Exact(end)
+        return check

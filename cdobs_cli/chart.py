@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from cdobs_cli.certificate import Bound
+
 # line: a curve; steps: held until the next x; points: markers; stems: lines from 0; band: filled between y and y2;
 # limit: a horizontal line at y[0] over the whole panel; mark: a vertical line at x[0] over the whole panel.
 SeriesKind = Literal["line", "steps", "points", "stems", "band", "limit", "mark"]
@@ -49,13 +51,14 @@ class Chart:
 
 @dataclass(frozen=True)
 class Table:
-    """One table: cells are text or floats (floats are formatted by the report)."""
+    """One table: cells are text or floats, formatted by the report; a bound takes two columns, proved and refuted,
+    each end rounded to its safe side."""
 
     name: str
     title: str
     caption: str
     columns: tuple[str, ...]
-    rows: tuple[tuple[str | float | int | None, ...], ...]
+    rows: tuple[tuple[str | float | int | Bound | None, ...], ...]
 
 
 @dataclass(frozen=True)

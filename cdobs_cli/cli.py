@@ -6,14 +6,16 @@ import os
 import signal
 import sys
 from enum import StrEnum
-from io import TextIOWrapper
+from io import StringIO, TextIOWrapper
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
 from cdobs_cli import __version__
+from cdobs_cli.console import Console, LostStreamError, say
 from cdobs_cli.errors import INTERRUPTED, CdobsError, ExitCode
+from cdobs_cli.printable import line, lines
 
 app = typer.Typer(
     name="cdobs",
@@ -61,7 +63,6 @@ def _carry_out(
     command: str, stages: tuple[str, ...], paths: list[Path], output: Format, quiet: bool, no_color: bool, **settings: object
 ) -> None:
     from cdobs_cli.batch import Settings, carry_out
-    from cdobs_cli.console import Console
 
     console = Console(output.value, quiet=quiet, no_color=no_color, verbose=bool(settings["verbose"]))
     raise typer.Exit(carry_out(command, paths, stages, Settings(**settings), console))  # type: ignore[arg-type]
@@ -78,7 +79,7 @@ def options(
 
 def _version(value: bool) -> None:
     if value:
-        typer.echo(f"cdobs {__version__}")
+        say(f"cdobs {__version__}")
         raise typer.Exit
 
 
@@ -91,7 +92,7 @@ def init(
     from cdobs_cli.scaffold import example, write_new
 
     text = example(family)
-    typer.echo(text, nl=False) if out is None else write_new(out, text)
+    say(text.removesuffix("\n")) if out is None else write_new(out, text)
 
 
 @app.command()
@@ -161,7 +162,7 @@ def schema() -> None:
 
     from cdobs_cli.spec.schema import json_schema
 
-    typer.echo(json.dumps(json_schema(), indent=2))
+    say(json.dumps(json_schema(), indent=2))
 
 
 @app.command()
@@ -172,64 +173,111 @@ def theorems(output: Annotated[Plain, typer.Option("--format", help="Format of s
     if output is Plain.json:
         import json
 
-        typer.echo(json.dumps([entry.document() for entry in catalogue()], indent=1))
+        say(json.dumps([entry.document() for entry in catalogue()], indent=1))
     else:
-        typer.echo(catalogue_text(), nl=False)
+        say(catalogue_text().removesuffix("\n"))
 
 
 def run() -> None:
     """Parse the command line and exit: usage errors are 2, errors with a message keep their code."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    lost = _closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # names of files need not be text
     try:
-        sys.exit(_code())
-    except BrokenPipeError:
-        # Nobody reads on; what Python would still write on its way out goes nowhere.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        sys.exit(ExitCode.FAILED)
+        code = _lost(lost[0], lost) if lost else _code()
+    except LostStreamError as error:
+        code = _lost(error, [error])
+    sys.exit(code)
+
+
+def _closed_streams() -> list[LostStreamError]:
+    """Standard streams that were closed before this process began; their descriptors lead nowhere from now on,
+    so that no file that is opened later gets what is printed."""
+    lost = []
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            _leads_nowhere(number)
+            if number:
+                lost.append(LostStreamError(name, ValueError()))
+    sys.stdout, sys.stderr = (stream or StringIO() for stream in (sys.stdout, sys.stderr))
+    return lost
+
+
+def _leads_nowhere(number: int) -> None:
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    if nowhere != number:
+        os.dup2(nowhere, number)
+        os.close(nowhere)
+
+
+def _lost(error: LostStreamError, lost: list[LostStreamError]) -> ExitCode:
+    """Told on the stream that is left, if one is; nobody is told where a reader of stdout went away."""
+    if error.unread and error.name == "stdout":
+        lost = []
+    names = {one.name for one in lost}
+    try:
+        if lost:
+            _refused("" if "stderr" in names else f"cdobs: {error}", str(error), ExitCode.FAILED, document="stdout" not in names)
+    except LostStreamError:
+        names = {"stdout", "stderr"}
+    for number, name in ((1, "stdout"), (2, "stderr")):
+        if name in names or error.unread:
+            _leads_nowhere(number)  # what Python would still write on its way out
+    return ExitCode.FAILED
 
 
 def _code() -> int:
     try:
         code = app(standalone_mode=False)
+    except LostStreamError:
+        raise
     except CdobsError as error:
         return _refused(f"cdobs: {error}", str(error), error.exit_code)
     except (KeyboardInterrupt, typer.Abort):
         code = _INTERRUPTED
     except SystemExit as error:  # typer's way out, with 1, where nobody reads stdout any more
-        raise BrokenPipeError from error
-    except BrokenPipeError:
-        raise
+        raise LostStreamError("stdout", BrokenPipeError()) from error
     except Exception as error:
-        show = getattr(error, "show", None)
-        if show is not None:  # a mistake in the command line, told by typer
-            show()
-            return _refused("", getattr(error, "format_message", error.__str__)(), ExitCode.INVALID)
-        if {"-v", "--verbose"} & set(sys.argv):
-            import traceback
-
-            traceback.print_exc()
-        text = f"internal error, {type(error).__name__}: {error}; please report it (-v prints where it happened)"
-        return _refused(f"cdobs: {text}", text, ExitCode.FAILED)
+        return _unexpected(error)
     if code == _INTERRUPTED:
         return _refused(f"cdobs: {INTERRUPTED}", INTERRUPTED, ExitCode.FAILED)
     return code if isinstance(code, int) else ExitCode.HOLDS
 
 
-def _refused(line: str, text: str, code: ExitCode) -> ExitCode:
+def _unexpected(error: Exception) -> ExitCode:
+    show = getattr(error, "show", None)
+    if show is not None:  # a mistake in the command line, told by typer
+        told = StringIO()
+        show(told)
+        say(lines(told.getvalue().removesuffix("\n")), aside=True)
+        return _refused("", getattr(error, "format_message", error.__str__)(), ExitCode.INVALID)
+    if {"-v", "--verbose"} & set(sys.argv):
+        import traceback
+
+        say(lines("".join(traceback.format_exception(error))), aside=True)
+    if isinstance(error, OSError):  # few descriptors, a full disk under what typer prints
+        text = f"the system refuses: {error.strerror or error}"
+    else:
+        text = f"internal error, {type(error).__name__}: {error}; please report it (-v prints where it happened)"
+    return _refused(f"cdobs: {text}", text, ExitCode.FAILED)
+
+
+def _refused(told: str, text: str, code: ExitCode, *, document: bool = True) -> ExitCode:
     """What ends a command as a whole: a line for people, and a document where one was asked for."""
-    if line:
-        print(line, file=sys.stderr)  # noqa: T201
+    if told:
+        say(line(told), aside=True)
     words = [word for argument in sys.argv[1:] for word in argument.split("=", 1)]
     wanted = words[words.index("--format") + 1] if "--format" in words[:-1] else "text"
-    if wanted in {one.value for one in Format} - {"text"}:
+    if document and wanted in {one.value for one in Format} - {"text"}:
         from cdobs_cli.formats import render
         from cdobs_cli.outcome import Message, Result
 
         status: Literal["invalid", "failed"] = "invalid" if code == ExitCode.INVALID else "failed"
         message = Message("error", text, rule="command" if status == "invalid" else "tool")
         command = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
-        typer.echo(render(wanted, command, [Result("command line", status, (message,))], code))
+        say(render(wanted, command, [Result("command line", status, (message,))], code))
     return code

@@ -7,17 +7,41 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import TYPE_CHECKING, Any, TextIO
 
-from cdobs_cli.errors import ExitCode
+from cdobs_cli.errors import ExitCode, ToolError
 from cdobs_cli.outcome import Result
+from cdobs_cli.printable import line, printable
 
 if TYPE_CHECKING:
     from rich.live import Live
 
 _COLOURS = {"proved": "32", "ok": "32", "refuted": "31", "failed": "31", "invalid": "31", "undecided": "33", "finding": "33"}
 
+_SEVERITIES = {"error": "31", "warning": "33", "note": "36"}
 _STYLES = {"ok": "green", "finding": "yellow", "invalid": "red", "failed": "red"}
+
+
+class LostStreamError(ToolError):
+    """stdout or stderr cannot be written: closed, on a full disk, without a reader."""
+
+    def __init__(self, name: str, error: Exception) -> None:
+        super().__init__(f"{name} cannot be written: {getattr(error, 'strerror', None) or 'it is closed'}")
+        self.name = name
+        self.unread = isinstance(error, BrokenPipeError)
+
+
+def say(text: str, *, aside: bool = False) -> None:
+    """A text that is safe to print, on stdout, or on stderr (`aside`: for people), at once.
+
+    Raises: LostStreamError.
+    """
+    stream = sys.stderr if aside else sys.stdout
+    try:
+        print(text, file=stream, flush=True)
+    except (OSError, ValueError) as error:
+        raise LostStreamError("stderr" if aside else "stdout", error) from error
 
 
 @dataclass
@@ -33,6 +57,10 @@ class Console:
     quiet: bool = False
     no_color: bool = False
     verbose: bool = False
+
+    def __post_init__(self) -> None:
+        if self.format != "text":
+            import_module(f"cdobs_cli.formats.{self.format}")  # while there are descriptors left to load it
 
     @contextmanager
     def following(self, specs: list[str]) -> Iterator[Follow]:
@@ -52,39 +80,35 @@ class Console:
 
     def show(self, result: Result, *, several: bool = False) -> None:
         """A spec has ended."""
-        sys.stdout.flush()
         for message in result.messages:
-            print(f"{self._paint(message.severity, '31', sys.stderr)}: {message}", file=sys.stderr)
-        sys.stderr.flush()
+            if message.severity == "error" or not self.quiet:
+                say(f"{self._paint(message.severity, _SEVERITIES[message.severity], sys.stderr)}: {line(str(message))}", aside=True)
         if self.quiet and (result.status == "ok" or self.format != "text"):
             return
         if self.format == "text":
-            print(self._line(result, sys.stdout, headline=several))
+            say(self._line(result, sys.stdout, headline=several))
             if not self.quiet and (self.verbose or not several):
-                for line in result.summary:
-                    print(f"  {self._coloured(line)}")
-            sys.stdout.flush()
+                for told in result.summary:
+                    say(f"  {self._coloured(line(told))}")
         elif several:
-            print(self._line(result, sys.stderr, headline=True), file=sys.stderr, flush=True)
+            say(self._line(result, sys.stderr, headline=True), aside=True)
 
     def warn(self, text: str) -> None:
         """Something about the whole command."""
-        print(f"cdobs: {text}", file=sys.stderr, flush=True)
+        say(f"cdobs: {line(text)}", aside=True)
 
     def finish(self, command: str, results: list[Result], code: ExitCode) -> None:
         """The command has ended: print the document, or the count."""
-        if self.format == "text":
-            if len(results) > 1:
-                print(count(results))
-        else:
+        if self.format != "text":
             from cdobs_cli.formats import render
 
-            print(render(self.format, command, results, code))
-        sys.stdout.flush()
+            say(render(self.format, command, results, code))
+        elif len(results) > 1:
+            say(count(results))
 
     def _line(self, result: Result, stream: TextIO, *, headline: bool) -> str:
-        told = f"  {result.headline}" if headline and result.headline else ""
-        return f"{self._word(result.status, stream)}  {result.spec}{told}  ({result.seconds:.1f} s)"
+        told = f"  {printable(result.headline)}" if headline and result.headline else ""
+        return f"{self._word(result.status, stream)}  {line(result.spec)}{told}  ({result.seconds:.1f} s)"
 
     def _paint(self, text: str, code: str, stream: TextIO) -> str:
         colour = stream.isatty() and not self.no_color and not os.environ.get("NO_COLOR")
@@ -173,6 +197,6 @@ def _table(follow: Follow, height: int) -> Any:
     for _ in range(3):
         table.add_column(no_wrap=True, overflow="ellipsis")
     for status, spec, told in list(follow.rows())[-max(1, height - 1) :]:
-        table.add_row(Text(status, style=_STYLES.get(status, "")), Text(spec), Text(told))
+        table.add_row(Text(status, style=_STYLES.get(status, "")), Text(printable(spec)), Text(printable(told)))
     table.add_row("", Text(follow.count()), "")
     return table

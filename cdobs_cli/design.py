@@ -7,10 +7,12 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.exact.numbers import ExactMatrix
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.codec import read_fields
+from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.plant import Box, SamplingLaw
 
 Outcome = Literal["found", "given", "none"]
+Way = Literal["everywhere", "margin", "continuation", "cut", "open"]
 
 
 @dataclass(frozen=True)
@@ -21,13 +23,45 @@ class SolverRecord:
     version: str
     status: str
     iterations: int
-    seconds: float
 
     def document(self) -> dict[str, Any]:
-        return {
-            "name": self.name, "version": self.version, "status": self.status,
-            "iterations": self.iterations, "seconds": self.seconds,
-        }  # fmt: skip
+        return {"name": self.name, "version": self.version, "status": self.status, "iterations": self.iterations}
+
+
+@dataclass(frozen=True)
+class Confinement:
+    """How the estimate is kept where the slopes hold (`certify.estimate` says what each way means).
+
+    margin: by state, how far beyond the domain the estimate may go; start: the ends of each component of
+    x_hat(0) - x(0) for which it goes no further. Decimals; both empty where the way is not `margin`.
+    """
+
+    way: Way = "open"
+    margin: Mapping[str, str] = field(default_factory=dict)
+    start: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def continues(self) -> bool:
+        """Whether the observer evaluates phi continued outside the box of the domain."""
+        return self.way == "continuation"
+
+    @property
+    def initial_errors(self) -> Box:
+        """The box of `start`. Raises: ExpressionError for what is no number."""
+        return Box(tuple(Exact(low) for low, _ in self.start), tuple(Exact(high) for _, high in self.start))
+
+    @property
+    def margin_text(self) -> str:
+        """`|e_x| <= 0.3, |e_v| <= 1`."""
+        return ", ".join(f"|e_{name}| <= {by}" for name, by in self.margin.items())
+
+    @property
+    def start_text(self) -> str:
+        """`e_x(0) in [-1, 1], e_v(0) in [0, 0]`."""
+        return ", ".join(f"e_{name}(0) in [{low}, {high}]" for name, (low, high) in zip(self.margin, self.start, strict=True))
+
+    def document(self) -> dict[str, Any]:
+        return {"way": self.way, "margin": dict(self.margin), "start": [list(ends) for ends in self.start]}
 
 
 @dataclass(frozen=True)
@@ -48,6 +82,7 @@ class Design:
     reason: str | None = None
     slopes: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     details: Mapping[str, Any] = field(default_factory=dict)
+    estimate: Confinement = Confinement()
     digests: Mapping[str, str] = field(default_factory=dict)
 
     def document(self) -> dict[str, Any]:
@@ -56,19 +91,11 @@ class Design:
             "sampling": self.sampling.document(), "gain": {name: matrix.texts() for name, matrix in self.gain.items()},
             "slopes": {name: list(ends) for name, ends in self.slopes.items()},
             "certificates": [certificate.document() for certificate in self.certificates],
-            "details": dict(self.details), "solver": self.solver.document() if self.solver else None,
+            "estimate": self.estimate.document(), "details": dict(self.details), "solver": self.solver.document() if self.solver else None,
             "digests": dict(self.digests),
         }  # fmt: skip
 
     @staticmethod
     def from_document(document: dict[str, Any]) -> Design:
         """Raises: KeyError, TypeError, ValueError on anything `document` did not write."""
-        solver = document["solver"]
-        return Design(
-            document["family"], document["outcome"], SamplingLaw.from_document(document["sampling"]),
-            {name: ExactMatrix(rows) for name, rows in document["gain"].items()},
-            tuple(Certificate.from_document(certificate) for certificate in document["certificates"]),
-            SolverRecord(**solver) if solver else None, document["reason"],
-            {name: (ends[0], ends[1]) for name, ends in document["slopes"].items()}, document["details"],
-            document["digests"],
-        )  # fmt: skip
+        return read_fields(Design, {key: value for key, value in document.items() if key != "schema_version"})

@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
+LONGEST_GOT = 300  # characters of what was found in a message
 INTERRUPTED = "interrupted; what was written is whole, run again to go on"
 
 
@@ -56,7 +57,7 @@ class Problem:
         """What is wrong, without the place."""
         parts = [self.what]
         if self.got is not None:
-            parts.append(f"got {self.got}")
+            parts.append(f"got {self.got}" if len(self.got) <= LONGEST_GOT else f"got {self.got[: LONGEST_GOT - 3]}...")
         if self.allowed is not None:
             parts.append(f"allowed: {self.allowed}")
         if self.hint is not None:

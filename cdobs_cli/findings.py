@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from cdobs_cli.errors import Problem
@@ -14,17 +15,30 @@ if TYPE_CHECKING:
 
 Documents = dict[str, dict[str, Any] | None]
 Field = tuple[str | int, ...]
-ARTEFACT_OF = {"synthesize": "design", "check": "check", "simulate": "simulation"}
+STAGE_OF = {"design": "synthesize", "check": "check", "simulation": "simulate"}
+REPLAY = "replay"
 
 
 def decided(spec: Spec, documents: Documents, stages: frozenset[str]) -> list[Outcome]:
-    """Every `expect` entry whose artefact belongs to one of `stages`."""
-    wanted = {ARTEFACT_OF[stage] for stage in stages if stage in ARTEFACT_OF}
-    return [evaluate(expectation, documents) for expectation in spec.expect if expectation.artefact in wanted]
+    """Every `expect` entry about what the stages made; a stage that reads a design makes it where there is none."""
+    return [evaluate(expectation, documents) for expectation in spec.expect if _made(expectation.artefact, documents, stages)]
+
+
+def at_hand(spec: Spec, documents: Documents) -> list[Outcome]:
+    """Every `expect` entry but those about an artefact that is still to be made."""
+    runs = spec.simulation is not None and (documents["design"] or {}).get("outcome") != "none"
+    missing = {"check": documents["check"] is None, "simulation": documents["simulation"] is None and runs}
+    return [evaluate(expectation, documents) for expectation in spec.expect if not missing.get(expectation.artefact, False)]
+
+
+def _made(artefact: str, documents: Documents, stages: frozenset[str]) -> bool:
+    if REPLAY in stages:
+        return False  # asked of one counterexample only
+    return STAGE_OF[artefact] in stages or (artefact == "design" and bool(stages) and documents["design"] is not None)
 
 
 def find(spec: Spec, documents: Documents, stages: frozenset[str]) -> list[Message]:
-    """All findings of the stages that ran, each at its place in the spec."""
+    """All findings of the stages that ran, each at its place in the spec, and what was left out."""
     outcomes = decided(spec, documents, stages)
     messages = [_message(spec, outcome.text, outcome.expectation.field, "expect") for outcome in outcomes if not outcome.holds]
     named = {expectation.quantity.removeprefix("check.") for expectation in spec.expect}
@@ -34,7 +48,18 @@ def find(spec: Spec, documents: Documents, stages: frozenset[str]) -> list[Messa
         messages += _without_design(spec, documents["design"], named)
     if "simulate" in stages:
         messages += _of_simulation(spec, documents["simulation"], named)
-    return messages
+    return [*messages, *_left_out(spec, documents, stages)]
+
+
+def _left_out(spec: Spec, documents: Documents, stages: frozenset[str]) -> Iterator[Message]:
+    """One remark for each stage that `expect` is about and that was not run."""
+    for artefact, stage in STAGE_OF.items():
+        entries = [one for one in spec.expect if one.artefact == artefact and not _made(artefact, documents, stages)]
+        if entries:
+            count = "1 expect entry" if len(entries) == 1 else f"{len(entries)} expect entries"
+            verb = "was" if len(entries) == 1 else "were"
+            text = f"{count} about {stage} {verb} left out: {stage} was not run"
+            yield replace(_message(spec, text, entries[0].field, "expect"), severity="note")
 
 
 def _message(spec: Spec, text: str, field: Field, rule: str) -> Message:
@@ -53,6 +78,8 @@ def _place(spec: Spec, claim: str) -> Field:
     if claim.startswith("slopes."):
         i, j = claim.split(".")[1:3]
         return ("plant", "lipschitz", int(i) - 1, int(j) - 1)
+    if claim == "defined":
+        return ("plant", "dynamics" if spec.typed else "phi")
     if getattr(spec.observer, "gain", None) is not None:
         return ("observer", "gain")
     law = spec.plant.sampling.kind
@@ -84,6 +111,6 @@ def _of_simulation(spec: Spec, simulation: dict[str, Any] | None, named: set[str
 def _size(margin: float | None) -> str:
     if margin is None or margin >= 0:
         return "nothing"
-    from cdobs_cli.report.model import number_text
+    from cdobs_cli.report.numbers import number_text
 
     return number_text(-margin, 3)

@@ -170,12 +170,15 @@ class Observer:
 class HybridSystem:
     """Plant and observer together: flow, jump, next sample, as expressions over one list of states.
 
+    estimate_must_stay: whether an estimate outside the plant's domain counts as leaving it, as a state does.
+
     Names: `states` (the plant's, then the observer's), `signals` (inputs, `d.i`), `t`; in `jump` and
     `measurement` also `v.i`, `y.i`, `elapsed`.
     """
 
     plant: Plant
     observer: Observer
+    estimate_must_stay: bool = True
 
     @property
     def states(self) -> tuple[str, ...]:

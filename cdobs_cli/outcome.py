@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Literal
 
 from cdobs_cli.errors import ExitCode, Problem
@@ -15,6 +17,15 @@ EXIT_CODES: dict[ResultStatus, ExitCode] = {
     "invalid": ExitCode.INVALID,
     "failed": ExitCode.FAILED,
 }
+
+
+@dataclass(frozen=True)
+class Job:
+    """One spec and the folder of its artefacts; or a path that cannot be carried out, and why."""
+
+    spec: Path
+    folder: Path
+    refused: str | None = None
 
 
 @dataclass(frozen=True)
@@ -49,7 +60,8 @@ class Result:
     """One spec's outcome: status, messages, and the artefacts as documents (None where there are none).
 
     headline, summary: one line and a few lines for people. expected: names of the `expect` entries that were
-    decided. index: the row of the index page, once there is a report.
+    decided. index: the row of the index page, once there is a report. waiting: stages still to be carried out, of a
+    result that is told while the work goes on.
     """
 
     spec: str
@@ -63,6 +75,7 @@ class Result:
     expected: tuple[str, ...] = ()
     index: Any = None
     seconds: float = 0.0
+    waiting: tuple[str, ...] = ()
 
     @property
     def exit_code(self) -> ExitCode:
@@ -83,6 +96,20 @@ def readable(name: str) -> str:
 def failure(spec: str, text: str) -> Result:
     """The tool failed on a spec."""
     return Result(spec, "failed", (Message("error", text, spec, rule="tool"),))
+
+
+def judged(messages: Sequence[Message]) -> ResultStatus:
+    """A finding, where there is a message that is more than a remark."""
+    return "finding" if any(message.severity == "error" for message in messages) else "ok"
+
+
+def cut_short(so_far: Result | None, spec: str, time_limit: float) -> Result:
+    """What had been told when the time ran out: artefacts stored by then stand, the rest is undecided."""
+    told = so_far or Result(spec, "finding")
+    stages = f"{', '.join(told.waiting)} " if told.waiting else ""
+    stands = "" if told.check is None else "; what was proved and stored by then stands"
+    text = f"undecided: {stages}not finished within {time_limit:g} s (--time-limit){stands}"
+    return replace(told, status="finding", messages=(*told.messages, Message("error", text, spec, rule="time-limit")), waiting=())
 
 
 def exit_code(results: list[Result]) -> ExitCode:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from typing import Any, Literal
 
 from cdobs_cli.exact.expression import Expression
@@ -47,12 +48,19 @@ class SamplingLaw:
 
     @staticmethod
     def from_document(document: dict[str, Any]) -> SamplingLaw:
-        """Raises: KeyError, ExpressionError on anything `document` did not write."""
-        if document.get("updated") is True:
-            return SamplingLaw("updated")
-        if "period" in document:
-            return SamplingLaw.periodic(Exact(document["period"]))
-        return SamplingLaw("aperiodic", Exact(document["min_period"]), Exact(document["max_period"]))
+        """Raises: TypeError, ValueError on anything `document` did not write."""
+        match document:
+            case {"updated": True, **rest} if not rest:
+                return SamplingLaw("updated")
+            case {"period": str(period), **rest} if not rest:
+                law = SamplingLaw.periodic(Exact(period))
+            case {"min_period": str(shortest), "max_period": str(longest), **rest} if not rest:
+                law = SamplingLaw("aperiodic", Exact(shortest), Exact(longest))
+            case _:
+                raise ValueError("not a sampling law")
+        if law.T_max.sign() != 1 or law.T_min.sign() == -1 or (law.T_max - law.T_min).sign() == -1:
+            raise ValueError("periods that no sampling law has")
+        return law
 
 
 @dataclass(frozen=True)
@@ -91,6 +99,16 @@ class Domain:
 
     def __bool__(self) -> bool:
         return bool(self.box or self.where)
+
+    @property
+    def text(self) -> str:
+        """In a sentence's words: `x in [0, 1], 1 - (x + y) >= 0`."""
+        parts = []
+        for name, interval in self.box.items():
+            low = "-inf" if interval.lower is None else str(interval.lower)
+            high = "inf" if interval.upper is None else str(interval.upper)
+            parts.append(f"{name} in [{low}, {high}]")
+        return ", ".join((*parts, *(f"{w} >= 0" for w in self.where)))
 
 
 @dataclass(frozen=True)
@@ -174,6 +192,69 @@ class Plant:
             lower[i][j], upper[i][j] = Exact(low), Exact(high)
         return replace(self, slopes=Slopes(ExactMatrix(lower), ExactMatrix(upper)))
 
+    def widened(self, margin: Mapping[str, Fraction | Exact]) -> Plant:
+        """The plant with every side of its domain moved outwards so far that each named state has `margin` of room:
+        ends of the box by the margin, a limit w >= 0 to w + sum_j |dw/dx_j| margin_j >= 0."""
+        from cdobs_cli.exact.rational import simplify
+
+        box = {}
+        for name, interval in self.domain.box.items():
+            by = _exact(margin.get(name, 0))
+            lower = None if interval.lower is None else interval.lower - by
+            upper = None if interval.upper is None else interval.upper + by
+            box[name] = Interval(lower, upper)
+        where = []
+        for w in self.domain.where:
+            room = EXACT_ZERO
+            for name, size in margin.items():
+                slope = Exact(simplify(w.derivative(name)))
+                room = room + (slope if slope.sign() == 1 else -slope) * _exact(size)
+            where.append(w + room.expression)
+        return replace(self, domain=Domain(box, tuple(where)))
+
+    @property
+    def on_box(self) -> Plant:
+        """The plant on the whole box of its domain, without the affine limits."""
+        return replace(self, domain=Domain(self.domain.box))
+
+    def clipped(self, prefix: str = "") -> dict[str, Expression]:
+        """Each state, by its name, cut to the domain's box, over the names `prefix + state`."""
+        from cdobs_cli.exact.expression import Variable, call
+
+        values: dict[str, Expression] = {}
+        for name in self.states:
+            interval = self.domain.box.get(name, Interval(None, None))
+            value: Expression = Variable(prefix + name)
+            if interval.lower is not None and interval.upper is not None:
+                value = call("sat", value, interval.lower.expression, interval.upper.expression)
+            elif interval.lower is not None:
+                value = call("max", value, interval.lower.expression)
+            elif interval.upper is not None:
+                value = call("min", value, interval.upper.expression)
+            values[name] = value
+        return values
+
+    def continued(self) -> Plant:
+        """The plant with phi continued linearly outside the domain's box: phi(sat(x)) + G (x - sat(x)).
+
+        sat cuts each state to the box, G is the centre of the slope box. For x in the box and any x_hat
+        sat(x_hat)_j - x_j = theta_j (x_hat_j - x_j) with theta_j in [0, 1], so column j of the error's slope is
+        theta_j V_j + (1 - theta_j) G_j: it stays in the slope box, wherever the estimate goes.
+        """
+        from cdobs_cli.exact.expression import Variable
+
+        inside = self.clipped()
+        half = Exact(Fraction(1, 2))
+        phi = []
+        for i, one in enumerate(self.phi):
+            value = one.substitute(inside)
+            for j, name in enumerate(self.states):
+                G = (self.slopes.lower[i, j] + self.slopes.upper[i, j]) * half
+                if name in self.domain.box and G.sign() != 0:
+                    value = value + G.expression * (Variable(name) - inside[name])
+            phi.append(value)
+        return replace(self, phi=tuple(phi))
+
     def without_zero_slopes(self) -> Plant:
         """The plant with `auto` only where phi depends on the state: elsewhere the slope is the constant 0."""
         from cdobs_cli.exact.expression import ZERO
@@ -211,6 +292,10 @@ class Plant:
                 total = total + self.C[k, j].expression * Variable(prefix + name)
             rows.append(total)
         return tuple(rows)
+
+
+def _exact(value: Fraction | Exact | int) -> Exact:
+    return value if isinstance(value, Exact) else Exact(value)
 
 
 @dataclass(frozen=True)

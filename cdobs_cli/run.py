@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from cdobs_cli.exact.expression import Expression
-from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.exact.numbers import EXACT_ZERO, Exact
 from cdobs_cli.plant import Box
 
 if TYPE_CHECKING:
@@ -31,6 +32,22 @@ class SimulationPlan:
     seed: int = 0
     signals: Mapping[str, Expression] = field(default_factory=dict)
     sampling_times: Expression | None = None
+
+    def initial_errors(self, n: int) -> Box:
+        """A box that holds x_hat(0) - x(0) of every run, n components."""
+        known = self.initial_box
+        if known is None:
+            assert self.initial_state is not None
+            known = Box(self.initial_state, self.initial_state)
+            estimate = self.initial_estimate or (EXACT_ZERO,) * n
+        else:
+            half = Exact(Fraction(1, 2))
+            centre = tuple((low + high) * half for low, high in zip(known.lower, known.upper, strict=True))
+            estimate = self.initial_estimate or centre
+        return Box(
+            tuple(value - high for value, high in zip(estimate, known.upper, strict=True)),
+            tuple(value - low for value, low in zip(estimate, known.lower, strict=True)),
+        )
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
-"""Where designs, checks and runs live on disk: atomic writes, digests, nothing half-written.
+"""Where designs, checks and runs live on disk: atomic writes, digests, nothing half-written, nothing edited.
 
-Each artefact names the sha256 of what it came from, so a certificate cannot be shown beside another design.
+Each artefact names the sha256 of what it came from, so a certificate cannot be shown beside another design, and
+the sha256 of its own content, so that one which was edited or damaged counts as absent.
 """
 
 from __future__ import annotations
@@ -8,18 +9,27 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
+import stat
 import tempfile
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 from cdobs_cli.certificate import Check
+from cdobs_cli.codec import parse
 from cdobs_cli.design import Design
 from cdobs_cli.errors import ToolError
 
 T = TypeVar("T")
 MAX_ARTEFACT_BYTES = 256 * 2**20
+CONTENT = "content"  # the entry of `digests` for the artefact's own content
+ARTEFACTS = ("design.json", "check.json", "simulation.json", "simulation.npz")
+# A file on its way: .<name>.<process>.<random>.tmp
+_TEMPORARY = re.compile(r"\..+\.([0-9]{1,10})\.[A-Za-z0-9_]{8}\.tmp", re.ASCII)
+_STALE = 60.0  # s: no write takes as long
 
 
 def canonical(document: Any) -> bytes:
@@ -32,6 +42,87 @@ def digest(document: Any) -> str:
     return hashlib.sha256(canonical(document)).hexdigest()
 
 
+def sealed(document: Mapping[str, Any]) -> dict[str, Any]:
+    """The document with the digest of its own content among its `digests`."""
+    named = {name: text for name, text in document["digests"].items() if name != CONTENT}
+    content = {**document, "digests": named}
+    return {**content, "digests": {**named, CONTENT: digest(content)}}
+
+
+def is_sealed(document: Mapping[str, Any]) -> bool:
+    """Whether the document is what was sealed: schema version 1, and the digest of its content that it names."""
+    named, version = document.get("digests"), document.get("schema_version")
+    if type(version) is not int or version != 1:  # True and 1.0 are equal to 1
+        return False
+    if not isinstance(named, dict) or not all(isinstance(text, str) for text in named.values()):
+        return False
+    content: str = sealed(document)["digests"][CONTENT]
+    return named.get(CONTENT) == content
+
+
+def is_there(path: Path) -> bool:
+    """Whether a regular file stands at the path.
+
+    Raises:
+        ToolError: what stands there is a folder, a named pipe, a device, or a link that leads nowhere.
+    """
+    if not os.path.lexists(path):
+        return False
+    try:
+        mode, reason = path.stat().st_mode, ""
+    except OSError as error:
+        mode, reason = 0, f" ({(error.strerror or 'unreadable').lower()})"
+    if not stat.S_ISREG(mode):
+        raise ToolError(f"{path} is not a regular file{reason}; move it away")
+    return True
+
+
+def read_regular(path: Path) -> bytes | None:
+    """The content of a regular file; None where there is none, or it cannot be read or is too large.
+
+    Raises:
+        ToolError: as `is_there`; what is no regular file is not opened.
+    """
+    if not is_there(path):
+        return None
+    try:
+        # Should a pipe take its place just now, O_NONBLOCK does not wait for a writer.
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+        with os.fdopen(handle, "rb") as stream:
+            content = stream.read(MAX_ARTEFACT_BYTES + 1) if stat.S_ISREG(os.fstat(handle).st_mode) else None
+    except OSError:
+        return None
+    return None if content is None or len(content) > MAX_ARTEFACT_BYTES else content
+
+
+def sweep(folder: Path) -> None:
+    """Take away what killed runs left half-written in a folder: files of ours whose process is gone, or that are
+    older than any write takes. What another process is writing at this moment stays."""
+    try:
+        left = [entry for entry in os.scandir(folder) if entry.is_file(follow_symlinks=False)]
+    except OSError:
+        return
+    for entry in left:
+        named = _TEMPORARY.fullmatch(entry.name)
+        try:
+            if named and (not _is_alive(int(named[1])) or time.time() - entry.stat().st_mtime > _STALE):
+                os.unlink(entry.path)
+        except OSError:  # swept by another run, or not ours to take
+            continue
+
+
+def _is_alive(process: int) -> bool:
+    if os.name != "posix":  # asking would end it
+        return True
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True
+    return True
+
+
 def write_atomically(path: Path, content: bytes) -> None:
     """Write beside the target and rename: a reader sees the old file or the new one, never half of one.
 
@@ -41,7 +132,7 @@ def write_atomically(path: Path, content: bytes) -> None:
     temporary: str | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.{os.getpid()}.", suffix=".tmp", dir=path.parent)
         with os.fdopen(handle, "wb") as stream:
             stream.write(content)
             stream.flush()
@@ -64,21 +155,40 @@ class Store:
 
     folder: Path
 
-    def read(self, name: str) -> dict[str, Any] | None:
-        """A JSON artefact; None where there is none, or what is there is not one."""
-        path = self.folder / name
-        try:
-            if path.stat().st_size > MAX_ARTEFACT_BYTES:
-                return None
-            document = json.loads(path.read_bytes())
-        except (OSError, ValueError, RecursionError):
-            return None
-        return document if isinstance(document, dict) else None
+    def open(self) -> None:
+        """Make the folder ready for a run: what killed runs left half-written goes.
 
-    def write(self, name: str, document: Mapping[str, Any]) -> None:
-        """A JSON artefact, indented for people and diffs."""
-        text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
+        Raises:
+            ToolError: something that is not a regular file stands in the place of an artefact.
+        """
+        for folder in (self.folder, self.folder / "figures"):
+            sweep(folder)
+        for name in ARTEFACTS:
+            is_there(self.folder / name)
+
+    def has(self, name: str) -> bool:
+        """Whether anything stands in the place of a file."""
+        return os.path.lexists(self.folder / name)
+
+    def read_bytes(self, name: str) -> bytes | None:
+        """A file of the folder; None where there is none, or it cannot be read. Raises: ToolError, as `is_there`."""
+        return read_regular(self.folder / name)
+
+    def read(self, name: str) -> dict[str, Any] | None:
+        """A JSON artefact; None where there is none, or what is there is not what was written."""
+        content = self.read_bytes(name)
+        try:
+            document = None if content is None else parse(content)
+        except ValueError:
+            return None
+        return document if isinstance(document, dict) and is_sealed(document) else None
+
+    def write(self, name: str, document: Mapping[str, Any]) -> dict[str, Any]:
+        """A JSON artefact, sealed, indented for people and diffs; returns it as it was written."""
+        written = sealed(document)
+        text = json.dumps(written, indent=1, ensure_ascii=False, allow_nan=False)
         write_atomically(self.folder / name, (text + "\n").encode())
+        return written
 
     def write_files(self, files: Mapping[str, bytes]) -> list[Path]:
         """Several files, each atomically; returns their paths."""
@@ -96,9 +206,7 @@ class Store:
 
 
 def _read(reader: Callable[[dict[str, Any]], T], document: dict[str, Any] | None) -> T | None:
-    if document is None or document.get("schema_version") != 1:
-        return None
     try:
-        return reader(document)
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError):
+        return None if document is None else reader(document)
+    except (KeyError, TypeError, ValueError, ArithmeticError):
         return None

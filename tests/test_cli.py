@@ -13,6 +13,8 @@ from pathlib import Path
 import pytest
 from command import ROOT, Cdobs
 
+from cdobs_cli.store import sealed
+
 HEAVY = ("numpy", "scipy", "cvxpy", "clarabel", "matplotlib", "sympy", "flint", "pydantic", "yaml")
 
 
@@ -89,9 +91,15 @@ def test_one_flipped_digit_of_the_gain_loses_the_proof(tmp_path: Path, pendulum:
     (tmp_path / "p.yaml").write_text(pendulum)
     assert cdobs("check", "p.yaml").returncode == 0
     path = tmp_path / "results" / "p" / "design.json"
-    design = json.loads(path.read_text())
+    clean = path.read_text()
+    design = json.loads(clean)
     design["gain"]["K"][1][0] = "4" + design["gain"]["K"][1][0][1:]
+    # As it stands the digest of the content is wrong, and the design is made anew.
     path.write_text(json.dumps(design))
+    assert cdobs("check", "p.yaml").returncode == 0
+    assert path.read_text() == clean
+    # With the digest made to fit it is another design, and has its own check.
+    path.write_text(json.dumps(sealed(design)))
     done = cdobs("check", "p.yaml")
     assert done.returncode == 1
     assert json.loads((path.parent / "check.json").read_text())["verdict"] != "proved"

@@ -16,8 +16,10 @@ import documents
 import pytest
 from command import PENDULUM, Done, forked
 
-from cdobs_cli.batch import Job, Settings, run
+from cdobs_cli.batch import Settings, run
 from cdobs_cli.cli import STAGES
+from cdobs_cli.outcome import Job
+from cdobs_cli.store import sealed
 
 REFUTED = PENDULUM.replace("  method: set\n", "  method: set\n  gain: {K: [[-1], [-1.8361]]}\n")
 FINDING = REFUTED + "expect:\n- {quantity: design.outcome, equals: none}\n- {quantity: simulation.overall.error_final, at_most: 1e-9}\n"
@@ -46,7 +48,7 @@ def prepared(tmp_path_factory: pytest.TempPathFactory, finished: Path) -> Path:
     check = json.loads(path.read_text())
     for claim in check["claims"]:
         claim["status"] = "undecided" if claim["id"] == "convergence" else claim["status"]
-    path.write_text(json.dumps(check))
+    path.write_text(json.dumps(sealed({**check, "verdict": "undecided"})))
     return place
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cdobs_cli.certify.slopes import resolve, slope_claims
+from cdobs_cli.bounds.slopes import resolve, slope_claims
 from cdobs_cli.coordinates import derive
 from cdobs_cli.errors import SpecError
 from cdobs_cli.exact.numbers import Exact, ExactMatrix

@@ -179,7 +179,7 @@ def ask_clarabel(
     settings.max_iter = iterations
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
     result = clarabel.DefaultSolver(zero, cost, A, b, cones, settings).solve()
-    record = SolverRecord("clarabel", clarabel.__version__, str(result.status), int(result.iterations), float(result.solve_time))
+    record = SolverRecord("clarabel", clarabel.__version__, str(result.status), int(result.iterations))
     log = _LOG.get()
     if log is not None:
         log.append(record)
@@ -198,12 +198,11 @@ def solver_log() -> Iterator[list[SolverRecord]]:
 
 
 def summary(records: Sequence[SolverRecord]) -> SolverRecord | None:
-    """One record for many calls: the last status, iterations and seconds of all."""
+    """One record for many calls: the last status, iterations of all."""
     if not records:
         return None
     last = records[-1]
-    seconds = round(sum(record.seconds for record in records), 4)
-    return SolverRecord(last.name, last.version, last.status, sum(record.iterations for record in records), seconds)
+    return SolverRecord(last.name, last.version, last.status, sum(record.iterations for record in records))
 
 
 def compressed(A: Array) -> SparseColumns:

@@ -8,10 +8,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from decimal import Context, Decimal
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+from weakref import WeakValueDictionary
+
+from cdobs_cli.exact.budget import WorkError, spend
 
 if TYPE_CHECKING:
     from flint import arb
+
+
+N = TypeVar("N", bound="Expression")
+MAX_DEPTH = 600  # what recursion over a tree can take
 
 
 class ExpressionError(ValueError):
@@ -23,24 +30,19 @@ class ExpressionError(ValueError):
 
 
 class Expression:
-    """A node of the tree: immutable, compared by structure, combined by + - * / and unary minus."""
+    """A node of the tree: immutable, combined by + - * / and unary minus.
 
-    __slots__ = ("_hash",)
-    _hash: int
-    children: tuple[Expression, ...] = ()
+    Equal trees are one object, so that comparing is free however much two of them share. `size` counts the nodes
+    of the tree written out, `depth` its levels.
+    """
 
-    def _key(self) -> tuple[object, ...]:
+    __slots__ = ("__weakref__", "children", "depth", "size")
+    children: tuple[Expression, ...]
+    size: int
+    depth: int
+
+    def __reduce__(self) -> tuple[Any, ...]:
         raise NotImplementedError
-
-    def __hash__(self) -> int:
-        return self._hash
-
-    def __eq__(self, other: object) -> bool:
-        if self is other:
-            return True
-        if not isinstance(other, Expression):
-            return NotImplemented
-        return type(self) is type(other) and self._hash == other._hash and self._key() == other._key()
 
     def __neg__(self) -> Expression:
         return Number(-self.value) if isinstance(self, Number) else multiply(MINUS_ONE, self)
@@ -58,6 +60,7 @@ class Expression:
         return divide(self, other)
 
     def __str__(self) -> str:
+        spend(self.size)
         return _text(self, 0)
 
     def __repr__(self) -> str:
@@ -111,6 +114,7 @@ class Expression:
 
         memo: dict[Expression, Expression] = {}
         for node in self.walk():
+            spend(3)
             if isinstance(node, Variable):
                 memo[node] = ONE if node.name == name else ZERO
             elif isinstance(node, Power):
@@ -132,6 +136,7 @@ class Expression:
         """The expression with variables replaced; constants fold."""
         memo: dict[Expression, Expression] = {}
         for node in self.walk():
+            spend(1)
             if isinstance(node, Variable):
                 memo[node] = env.get(node.name, node)
             elif isinstance(node, Power):
@@ -143,69 +148,103 @@ class Expression:
         return memo[self]
 
 
+_KNOWN: WeakValueDictionary[tuple[object, ...], Expression] = WeakValueDictionary()
+
+
+def _node(kind: type[N], children: tuple[Expression, ...], *content: object) -> N:
+    """The one node with these children and this content.
+
+    Raises: WorkError: the tree is too deep to be worked with.
+    """
+    key = (kind, content, children)
+    known = _KNOWN.get(key)
+    if known is not None:
+        return cast(N, known)
+    node = object.__new__(kind)
+    node.children = children
+    node.size = 1 + sum(child.size for child in children)
+    node.depth = 1 + max((child.depth for child in children), default=0)
+    if node.depth > MAX_DEPTH:
+        raise WorkError
+    _KNOWN[key] = node
+    return node
+
+
 class Number(Expression):
     """An exact rational."""
 
     __slots__ = ("value",)
+    value: Fraction
 
-    def __init__(self, value: Fraction | int) -> None:
-        self.value = Fraction(value)
-        self._hash = hash((Number, self.value))
+    def __new__(cls, value: Fraction | int) -> Number:
+        value = Fraction(value)
+        node = _node(cls, (), value)
+        node.value = value
+        return node
 
-    def _key(self) -> tuple[object, ...]:
-        return (self.value,)
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Number, (self.value,)
 
 
 class Constant(Expression):
     """`pi` or `e`."""
 
     __slots__ = ("name",)
+    name: str
 
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self._hash = hash((Constant, name))
+    def __new__(cls, name: str) -> Constant:
+        node = _node(cls, (), name)
+        node.name = name
+        return node
 
-    def _key(self) -> tuple[object, ...]:
-        return (self.name,)
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Constant, (self.name,)
 
 
 class Variable(Expression):
     """A named variable."""
 
     __slots__ = ("name",)
+    name: str
 
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self._hash = hash((Variable, name))
+    def __new__(cls, name: str) -> Variable:
+        node = _node(cls, (), name)
+        node.name = name
+        return node
 
-    def _key(self) -> tuple[object, ...]:
-        return (self.name,)
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Variable, (self.name,)
 
 
 class Power(Expression):
     """base ** exponent with a rational exponent."""
 
-    __slots__ = ("base", "children", "exponent")
+    __slots__ = ("base", "exponent")
+    base: Expression
+    exponent: Fraction
 
-    def __init__(self, base: Expression, exponent: Fraction) -> None:
-        self.base, self.exponent, self.children = base, exponent, (base,)
-        self._hash = hash((Power, base, exponent))
+    def __new__(cls, base: Expression, exponent: Fraction) -> Power:
+        node = _node(cls, (base,), exponent)
+        node.base, node.exponent = base, exponent
+        return node
 
-    def _key(self) -> tuple[object, ...]:
-        return (self.exponent, self.base)
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Power, (self.base, self.exponent)
 
 
 class Call(Expression):
     """A function of the language, or one of add, multiply, divide, sign, step."""
 
-    __slots__ = ("children", "function")
+    __slots__ = ("function",)
+    function: str
 
-    def __init__(self, function: str, arguments: tuple[Expression, ...]) -> None:
-        self.function, self.children = function, arguments
-        self._hash = hash((Call, function, arguments))
+    def __new__(cls, function: str, arguments: tuple[Expression, ...]) -> Call:
+        node = _node(cls, arguments, function)
+        node.function = function
+        return node
 
-    def _key(self) -> tuple[object, ...]:
-        return (self.function, self.children)
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Call, (self.function, self.children)
 
 
 ZERO, ONE, MINUS_ONE = Number(0), Number(1), Number(-1)
@@ -320,7 +359,10 @@ def _text(node: Expression, level: int) -> str:
         return f"({text})" if level > 3 else text
     assert isinstance(node, Call)
     if node.function not in _INFIX:
-        return f"{node.function}({', '.join(_text(child, 0) for child in node.children)})"
+        arguments = []
+        for child in node.children:  # no generator: it would take a frame of its own at each level
+            arguments.append(_text(child, 0))
+        return f"{node.function}({', '.join(arguments)})"
     sign, own = _INFIX[node.function]
     left, right = node.children
     if node.function == "multiply" and left == MINUS_ONE:
@@ -332,10 +374,10 @@ def _text(node: Expression, level: int) -> str:
     if node.function == "add" and isinstance(right, Call) and right.function == "multiply" and right.children[0] == MINUS_ONE:
         text = f"{_text(left, own)} - {_text(right.children[1], 2)}"
         return f"({text})" if level > own else text
-    text = f"{_text(left, own)} {sign} {_text(right, own if node.function != 'divide' else own + 1)}"
     # a * (b / c) must keep its brackets: the printed text is read back to the same tree.
-    if node.function == "multiply" and isinstance(right, Call) and right.function in ("multiply", "divide"):
-        text = f"{_text(left, own)} * ({_text(right, 0)})"
-    if node.function == "add" and isinstance(right, Call) and right.function == "add":
-        text = f"{_text(left, own)} + ({_text(right, 0)})"
+    same = {"multiply": ("multiply", "divide"), "add": ("add",), "divide": ()}[node.function]
+    inner = (
+        f"({_text(right, 0)})" if isinstance(right, Call) and right.function in same else _text(right, own + (node.function == "divide"))
+    )
+    text = f"{_text(left, own)} {sign} {inner}"
     return f"({text})" if level > own else text

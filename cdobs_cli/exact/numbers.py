@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cdobs_cli.exact.expression import Expression, ExpressionError, Number
 from cdobs_cli.exact.expression import fraction_text as fraction_text
@@ -133,6 +133,13 @@ class ExactMatrix:
         return [[str(entry) for entry in row] for row in self.rows]
 
     @staticmethod
+    def from_document(rows: Any) -> ExactMatrix:
+        """What `texts` wrote. Raises: TypeError, ValueError on anything else."""
+        if not isinstance(rows, list) or not all(isinstance(row, list) and all(isinstance(text, str) for text in row) for row in rows):
+            raise TypeError("a matrix is a list of rows of texts")
+        return ExactMatrix(rows)
+
+    @staticmethod
     def from_floats(array: NDArray[np.float64] | Sequence[Sequence[float]], digits: int) -> ExactMatrix:
         """The matrix rounded to short decimals: what is printed, run and proved."""
         return ExactMatrix([[decimal_text(float(value), digits) for value in row] for row in array])
@@ -162,6 +169,11 @@ def lower_text(value: arb, digits: int = 12) -> str:
 def upper_text(value: arb, digits: int = 12) -> str:
     """A decimal not below any point of the ball; `inf` where it is unbounded, `-inf` for minus infinity itself."""
     return _directed(value.upper(), digits, ROUND_CEILING, "inf")
+
+
+def text_below(number: Exact) -> str:
+    """A decimal not above the number: the number itself where it is a decimal."""
+    return str(number) if number.rational is not None and "/" not in str(number) else lower_text(number.ball())
 
 
 def clipped(end: arb, *, up: bool) -> Fraction | None:

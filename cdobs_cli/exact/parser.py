@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Mapping
 from fractions import Fraction
 
+from cdobs_cli.exact.budget import WorkError
 from cdobs_cli.exact.expression import MINUS_ONE, ONE, Call, Constant, Expression, ExpressionError, Number, Power, Variable, call, power
 
 MAX_LENGTH = 2000
@@ -74,6 +75,8 @@ def parse(
         raise
     except SyntaxError as error:
         raise ExpressionError("not an expression", (error.offset or 1) - 1) from None
+    except WorkError:
+        raise ExpressionError("an expression that is too large once its parameters are put in") from None
     except (RecursionError, MemoryError, ValueError, OverflowError):
         raise ExpressionError("an expression that cannot be read") from None
 

@@ -11,16 +11,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from math import comb, lcm
+from math import comb, inf, lcm
 from typing import Any
 
 from flint import Ordering, fmpq, fmpq_mpoly_ctx
 
+from cdobs_cli.exact.budget import forgotten, spend
 from cdobs_cli.exact.expression import MINUS_ONE, ZERO, Call, Constant, Expression, ExpressionError, Number, Power, Variable, call, power
 
 MAX_TERMS = 600
 MAX_DEGREE = 64
 _FACTORED_TERMS = 80
+_FACTORED_WORK = 300_000
 
 
 class TooLargeError(ValueError):
@@ -112,6 +114,7 @@ class Ring:
             raise TooLargeError
         if top.is_zero():
             return Quotient(self, top, self.constant(Fraction(1)))
+        spend(_division_work(top, bottom))
         common = top.gcd(bottom)
         if not common.is_constant():
             top, bottom = top / common, bottom / common
@@ -120,13 +123,17 @@ class Ring:
 
     def add(self, a: Quotient, b: Quotient) -> Quotient:
         if a.denominator == b.denominator:
+            spend(len(a.numerator) + len(b.numerator))
             return self.quotient(a.numerator + b.numerator, a.denominator)
+        spend(_product_work(a, b))
         return self.quotient(a.numerator * b.denominator + b.numerator * a.denominator, a.denominator * b.denominator)
 
     def multiply(self, a: Quotient, b: Quotient) -> Quotient:
+        spend(_product_work(a, b))
         return self.quotient(a.numerator * b.numerator, a.denominator * b.denominator)
 
     def divide(self, a: Quotient, b: Quotient) -> Quotient:
+        spend(_product_work(a, b))
         return self.quotient(a.numerator * b.denominator, a.denominator * b.numerator)
 
     def power(self, a: Quotient, exponent: int) -> Quotient:
@@ -134,13 +141,20 @@ class Ring:
         terms = max(comb(len(part) + size - 1, size) for part in (a.numerator, a.denominator) if len(part)) if len(a.numerator) else 1
         if terms > 4 * MAX_TERMS or max((*a.numerator.degrees(), *a.denominator.degrees()), default=0) * size > MAX_DEGREE:
             raise TooLargeError
+        spend(terms * size)
         top, bottom = a.numerator**size, a.denominator**size
         return self.quotient(top, bottom) if exponent > 0 else self.quotient(bottom, top)
 
     def factors(self, polynomial: Any) -> _Factors:
         if polynomial.is_zero():
             return _Factors(Fraction(0), ())
-        content, parts = polynomial.factor() if len(polynomial) <= _FACTORED_TERMS else (fmpq(1), [(polynomial, 1)])
+        work = _factoring_work(polynomial) if len(polynomial) <= _FACTORED_TERMS else inf
+        spend(len(polynomial))
+        if work <= _FACTORED_WORK:
+            spend(int(work))
+            content, parts = polynomial.factor()
+        else:
+            content, parts = fmpq(1), [(polynomial, 1)]
         coefficient = _fraction(content)
         factors = []
         for part, multiplicity in parts:
@@ -177,6 +191,30 @@ class Ring:
         return positive
 
 
+def _bits(polynomial: Any) -> int:
+    """Size of the largest coefficient, with what brings all to one denominator."""
+    values = [(int(value.p), int(value.q)) for value in polynomial.coeffs()]
+    return max((abs(p).bit_length() for p, _ in values), default=0) + lcm(*(q for _, q in values)).bit_length()
+
+
+def _product_work(a: Quotient, b: Quotient) -> int:
+    sizes = [len(part) for part in (a.numerator, a.denominator, b.numerator, b.denominator)]
+    return (sizes[0] + sizes[1]) * (sizes[2] + sizes[3]) // 2
+
+
+def _division_work(top: Any, bottom: Any) -> int:
+    """What a greatest common divisor may cost; coefficients are looked at where there are many."""
+    count = len(top) + len(bottom)
+    return count * (4 if count < 20 else 4 + max(_bits(top), _bits(bottom)) // 4)
+
+
+def _factoring_work(polynomial: Any) -> int:
+    """What factors may cost: high degrees in many variables are slow."""
+    if len(polynomial) < 2:
+        return 1
+    return 20 * len(polynomial) * int(sum(polynomial.degrees())) * (1 + _bits(polynomial) // 64)
+
+
 def _raised(generator: Expression, exponent: int) -> Expression:
     if isinstance(generator, Power):
         return power(generator.base, generator.exponent * exponent)
@@ -207,6 +245,7 @@ def quotients(expressions: Sequence[Expression]) -> list[Quotient]:
                 memo[root] = Quotient(ring, ring.gens[k] ** (degree // part), one)
     for expression in prepared:
         for node in _outside(expression, memo):
+            spend(3)
             memo[node] = _quotient(node, memo, ring)
     return [memo[expression] for expression in prepared]
 
@@ -242,6 +281,7 @@ def _prepared(expressions: Sequence[Expression]) -> list[Expression]:
         for node in expression.walk():
             if node in memo:
                 continue
+            spend(3)
             if isinstance(node, Variable | Constant):
                 memo[node] = node
             elif isinstance(node, Power):
@@ -307,13 +347,19 @@ def _generators(expressions: Sequence[Expression]) -> list[Expression]:
 
 @lru_cache(maxsize=4096)  # arguments of nested functions come back at every level
 def simplify(expression: Expression) -> Expression:
-    """The same function where it is defined, cancelled and factored; unchanged where it grows too large."""
+    """The same function where it is defined, cancelled and factored; unchanged where it grows too large.
+
+    Raises: WorkError: the budget of the task is used up.
+    """
     if isinstance(expression, Number | Constant | Variable):
         return expression
     try:
         return quotients([expression])[0].expression()
     except (TooLargeError, ZeroDivisionError, ExpressionError, OverflowError, RecursionError):
         return expression
+
+
+forgotten(simplify.cache_clear)
 
 
 def is_zero(expression: Expression) -> bool:

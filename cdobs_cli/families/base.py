@@ -6,7 +6,8 @@ A family knows the Plant, not the spec file; it reads nothing and writes nothing
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from importlib.resources import files
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict
@@ -14,12 +15,13 @@ from pydantic import BaseModel, ConfigDict
 from cdobs_cli.errors import Problem
 
 if TYPE_CHECKING:
+    from cdobs_cli.bounds.estimate import Transient
     from cdobs_cli.certificate import Check
     from cdobs_cli.chart import Exhibits
-    from cdobs_cli.design import Design
+    from cdobs_cli.design import Confinement, Design
     from cdobs_cli.exact.numbers import ExactMatrix
     from cdobs_cli.hybrid import HybridInclusion, Observer
-    from cdobs_cli.plant import Plant
+    from cdobs_cli.plant import Box, Plant
     from cdobs_cli.run import Run, SimulationPlan
 
 
@@ -27,13 +29,19 @@ class Family(BaseModel, ABC):
     """Base of the observer families: parameters as fields, the verbs as methods.
 
     Subclasses have `family: Literal["name"] = "name"` and `objective: Literal[..]`, its default first.
-    `example` is the commented spec that `cdobs init` prints: it runs as it is.
+    `example.yaml` beside the card is the commented spec that `cdobs init` prints: it runs as it is.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, defer_build=True)
 
     source: ClassVar[str]
-    example: ClassVar[str]
+    # Whether convergence is claimed under the declared disturbance and noise (bounds hold), or without them.
+    disturbed: ClassVar[bool] = False
+
+    @classmethod
+    def example(cls) -> str:
+        """The text of `example.yaml`."""
+        return files(cls.__module__).joinpath("example.yaml").read_text(encoding="utf-8")
 
     @property
     def name(self) -> str:
@@ -44,6 +52,10 @@ class Family(BaseModel, ABC):
         """What `validate` can see without linear algebra: a structure the family does not take, shapes of a
         given gain, options that contradict one another. Fields are paths from the top of the spec."""
         return []
+
+    @abstractmethod
+    def given(self) -> Mapping[str, ExactMatrix | None]:
+        """The matrices that a design of this card holds, by paper letter: as typed, None where one is to be found."""
 
     def controlled(self, inputs: tuple[str, ...]) -> frozenset[str]:
         """The inputs that the observer sets itself (by feedback): they need no signal."""
@@ -69,6 +81,20 @@ class Family(BaseModel, ABC):
     def inclusion(self, plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
         """The error system under the plant's sampling law. Raises NotImplementedError where the gain is not constant."""
         raise NotImplementedError(f"{type(self).__name__} has no constant gain")
+
+    def transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
+        """How large the error becomes on the way, from the stored certificates, each proved again."""
+        return ()
+
+    def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:
+        """How this observer's estimate is kept where the slopes hold, from initial errors in `start` (None: any)."""
+        from cdobs_cli.bounds.estimate import confine
+
+        return confine(plant, False, self.transients(plant, design), start)
+
+    def observer_as_run(self, plant: Plant, design: Design) -> Observer:
+        """The observer that is simulated, exported and proved: with phi continued where the design says so."""
+        return self.observer(plant.continued() if design.estimate.continues else plant, design)
 
     def exhibits(self, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
         """Charts and tables beyond the common ones (states, error, V at samples)."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from cdobs_cli.errors import ExitCode
 from cdobs_cli.outcome import Message, Result
+from cdobs_cli.printable import line
 
 _LEVELS = {"error": "error", "warning": "warning", "note": "notice"}
 
@@ -23,7 +24,7 @@ def _line(message: Message) -> str:
 
 
 def _data(text: str) -> str:
-    return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+    return line(text).replace("%", "%25")
 
 
 def _property(text: str) -> str:

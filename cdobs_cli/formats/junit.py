@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 
 from cdobs_cli.errors import ExitCode
 from cdobs_cli.outcome import Message, Result
+from cdobs_cli.printable import line, lines
 
 # Characters that XML 1.0 cannot hold.
 _FORBIDDEN = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -47,8 +48,8 @@ def _suite(command: str, number: int, result: Result, now: str) -> ET.Element:
         case = ET.SubElement(suite, "testcase", name=_clean(name), classname=_clean(result.spec), time="0")
         if messages:
             told = ET.SubElement(case, kind, message=_clean(messages[0].text), type=_clean(messages[0].rule))
-            told.text = _clean("\n".join(str(message) for message in messages))
-    ET.SubElement(suite, "system-out").text = _clean("\n".join(result.summary))
+            told.text = _clean("\n".join(line(str(message)) for message in messages))
+    ET.SubElement(suite, "system-out").text = _clean("\n".join(map(line, result.summary)))
     ET.SubElement(suite, "system-err")
     return suite
 
@@ -60,11 +61,11 @@ def _cases(result: Result) -> dict[str, list[Message]]:
         if claim["required"]:
             cases[claim["id"]] = []
     cases.update({name: [] for name in result.expected})
-    for message in result.messages:
+    for message in (message for message in result.messages if message.severity == "error"):
         name = message.field or message.rule if message.rule in ("expect", "spec") else message.rule
         cases.setdefault(name, []).append(message)
     return cases
 
 
 def _clean(text: str) -> str:
-    return _FORBIDDEN.sub("?", text)
+    return _FORBIDDEN.sub("?", lines(text))

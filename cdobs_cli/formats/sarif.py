@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from pathlib import PurePath
 from typing import Any
@@ -10,6 +9,7 @@ from urllib.parse import quote
 
 from cdobs_cli import __version__
 from cdobs_cli.errors import ExitCode
+from cdobs_cli.formats.json import json_text
 from cdobs_cli.outcome import Message, Result
 
 _SCHEMA = "https://json.schemastore.org/sarif-2.1.0.json"
@@ -44,7 +44,7 @@ def document(command: str, results: list[Result], code: ExitCode) -> str:
             for message in found
         ],
     }
-    return json.dumps({"$schema": _SCHEMA, "version": "2.1.0", "runs": [run]}, indent=1)
+    return json_text({"$schema": _SCHEMA, "version": "2.1.0", "runs": [run]})
 
 
 def _locations(message: Message) -> list[dict[str, Any]]:

@@ -6,9 +6,11 @@ import re
 from collections.abc import Mapping
 from html import escape
 
+from cdobs_cli.printable import printable
 from cdobs_cli.report.blocks import Block, Bullets, Cell, Code, Grid, Listing, Mark, Mathematics, Paragraph, Picture
 from cdobs_cli.report.equations import mathml_block
-from cdobs_cli.report.model import NOTHING, Report
+from cdobs_cli.report.model import Report
+from cdobs_cli.report.numbers import NOTHING
 from cdobs_cli.report.sections import sections
 from cdobs_cli.report.status import STATUS_CLASSES, SYMBOLS, status_badge
 from cdobs_cli.report.style import page
@@ -49,7 +51,7 @@ def _block(block: Block, pictures: Mapping[str, bytes]) -> str:
             drawing = inline_svg(pictures[chart.name], chart.name, chart.title)
             return f'<figure><div class="sheet">{drawing}</div><figcaption>{caption}</figcaption></figure>'
         case Listing(lines):
-            return f"<pre>{escape(chr(10).join(lines))}</pre>"
+            return f"<pre>{escape(chr(10).join(map(printable, lines)))}</pre>"
     raise TypeError(type(block).__name__)
 
 

@@ -1,22 +1,16 @@
-"""The report of one spec as a noun, and the only place where numbers are formatted for people.
-
-Bounds are shortened on the safe side: a proved end is never made better by rounding, a refuted end never worse.
-"""
+"""The report of one spec as a noun."""
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Context, Decimal, InvalidOperation
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from cdobs_cli.certificate import Bound, Check, Claim, Status
 from cdobs_cli.chart import Chart, Exhibits
 from cdobs_cli.design import Design
-from cdobs_cli.exact.numbers import plain_decimal
 from cdobs_cli.plant import Domain, Plant, SamplingLaw, TypedDynamics
 
 if TYPE_CHECKING:
@@ -26,7 +20,6 @@ if TYPE_CHECKING:
     from cdobs_cli.report.trajectories import WayBack
     from cdobs_cli.run import Run
 
-NOTHING = "–"
 BOUND_TITLES = {
     "period_max": "Largest sampling period, this gain",
     "period_max_any_gain": "Largest sampling period, any gain",
@@ -40,89 +33,6 @@ BOUND_TITLES = {
 # The bracket of the headline: the first of these that is known.
 HEADLINE_BOUNDS = ("period_max", "guaranteed_period", "positivity_period_max", "tau_max", "period_max_any_gain")
 _PACKAGES = ("numpy", "scipy", "python-flint", "clarabel", "pydantic", "matplotlib")
-
-
-# ---------------------------------------------------------------- numbers for people
-
-
-def number_text(value: float | int | str | None, digits: int = 5) -> str:
-    """A number to so many significant digits, rounded to nearest; text stays text."""
-    if value is None:
-        return NOTHING
-    if isinstance(value, str):
-        return value
-    if isinstance(value, bool | int):
-        return str(value)
-    if math.isnan(value):
-        return "not a number"
-    if math.isinf(value):
-        return "∞" if value > 0 else "−∞"
-    return _plain(Context(prec=digits, rounding=ROUND_HALF_EVEN).create_decimal(Decimal(float(value))))
-
-
-def end_text(text: str | None, digits: int, *, up: bool) -> str:
-    """A decimal string shortened in the stated direction; `inf` as ∞, what is no number as it is."""
-    if text is None:
-        return NOTHING
-    value = _decimal(text)
-    if value is None:
-        return text
-    if value.is_infinite():
-        return "∞" if value > 0 else "−∞"
-    return _plain(Context(prec=digits, rounding=ROUND_CEILING if up else ROUND_FLOOR).plus(value))
-
-
-def margin_text(text: str | None) -> str:
-    """A claim's margin, rounded down."""
-    return end_text(text, 4, up=False)
-
-
-def ends_text(bound: Bound) -> tuple[str, str]:
-    """Both ends of a bracket, shortened to two digits beyond those that they share."""
-    proved, refuted = float_or_none(bound.proved), float_or_none(bound.refuted)
-    smaller, digits = False, 6
-    if proved is not None and refuted is not None and math.isfinite(proved) and math.isfinite(refuted):
-        smaller = proved > refuted
-        gap = abs(proved - refuted) / max(abs(proved), abs(refuted), 1e-300)
-        digits = 20 if gap == 0 else max(6, min(20, math.ceil(-math.log10(gap)) + 2))
-    return end_text(bound.proved, digits, up=smaller), end_text(bound.refuted, digits, up=not smaller)
-
-
-def bracket_text(bound: Bound) -> str:
-    """`[1.713, 1.7131] s`: proved and refuted end."""
-    proved, refuted = ends_text(bound)
-    return f"[{proved}, {refuted}]{unit_text(bound)}"
-
-
-def unit_text(bound: Bound) -> str:
-    """The unit with a space before it, nothing where there is none."""
-    return f" {bound.unit}" if bound.unit and bound.unit != "1" else ""
-
-
-def about_text(bound: Bound) -> str:
-    """What a bound is about, in words."""
-    words = {"class": "all plants with these slopes", "plant": "the plant as typed"}
-    return words.get(bound.about or "", bound.about or NOTHING)
-
-
-def float_or_none(text: str | None) -> float | None:
-    """The number of a decimal string (inf allowed); None for what is no number."""
-    value = _decimal(text)
-    return None if value is None else float(value)
-
-
-def _decimal(text: str | None) -> Decimal | None:
-    try:
-        value = None if text is None else Decimal(text)
-    except InvalidOperation:
-        return None
-    return None if value is None or value.is_nan() else value
-
-
-def _plain(value: Decimal) -> str:
-    if value != 0 and not -5 < value.adjusted() < 7:
-        return f"{value.normalize():e}".replace("e+", "e").replace("E+", "e").replace("E", "e")
-    return plain_decimal(value)
 
 
 def bound_title(name: str) -> str:
@@ -178,7 +88,7 @@ class Report:
     @cached_property
     def observer(self) -> Observer | None:
         """The observer's equations, where there is a design."""
-        return None if self.design.outcome == "none" else self.family.observer(self.plant, self.design)
+        return None if self.design.outcome == "none" else self.family.observer_as_run(self.plant, self.design)
 
     @cached_property
     def charts(self) -> tuple[Chart | Ladder, ...]:
@@ -248,8 +158,8 @@ class Report:
     def conditions(self) -> tuple[str, ...]:
         """What the headline takes for granted."""
         found = []
-        if self.domain:
-            found.append(f"The states stay where the slopes are claimed: {domain_text(self.domain)}.{self._invariance()}")
+        if self.domain and self.design.estimate.way != "everywhere":
+            found.append(self._assumption)
         if self.check is not None and self.status == "proved":
             bound = self.headline_bound
             if bound is not None and bound[0] == "period_max" and self.design.sampling.kind == "periodic":
@@ -261,12 +171,16 @@ class Report:
         """Where the slopes are claimed, in the states that the user typed."""
         return self.typed.domain if self.typed else self.plant.domain
 
-    def _invariance(self) -> str:
+    @property
+    def _assumption(self) -> str:
+        """What is taken for granted of the plant, and what is known of that."""
         claim = self.check.claim("domain_invariant") if self.check else None
-        if claim is None:
-            return ""
-        words = {"proved": "is proved", "refuted": "is refuted: they can leave it", "undecided": "is not decided"}
-        return f" That they do {words[claim.status]}."
+        stays = f"the plant stays in {domain_text(self.domain)}"
+        if claim is None or claim.status == "undecided":
+            return f"Assumed: {stays}."
+        if claim.status == "proved":
+            return f"Proved: {stays} once it is there."
+        return f"Assumed: {stays}. It can leave: {claim.statement.rpartition(': ')[2]}."
 
     @property
     def sources(self) -> tuple[str, ...]:

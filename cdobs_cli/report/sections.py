@@ -3,24 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from shlex import quote
 from typing import Any
 
-from cdobs_cli.certificate import Claim, Witness
+from cdobs_cli.certificate import Bound, Claim, Witness
 from cdobs_cli.chart import Table
 from cdobs_cli.report.blocks import Block, Bullets, Cell, Code, Grid, Listing, Mark, Mathematics, Paragraph, Picture, Section
 from cdobs_cli.report.ladder import Ladder
-from cdobs_cli.report.model import (
-    NOTHING,
-    Report,
-    about_text,
-    bound_title,
-    domain_text,
-    end_text,
-    ends_text,
-    law_text,
-    margin_text,
-    number_text,
-)
+from cdobs_cli.report.model import Report, bound_title, domain_text, law_text
+from cdobs_cli.report.numbers import NOTHING, about_text, end_text, ends_text, margin_text, number_text
 from cdobs_cli.report.references import cited
 from cdobs_cli.report.systems import (
     flow_equations,
@@ -163,6 +154,7 @@ def _claims(report: Report) -> Section:
 
 _GROUPS = {
     "Required": "These decide the verdict.",
+    "Assumptions": "What is taken for granted of the plant where it is not proved; the verdict names it.",
     "Certificates": "Alternatives: one that fails refutes nothing.",
     "Further claims": "",
     "Printed in the paper": "The paper's own data put to the test; the verdict does not depend on them.",
@@ -172,7 +164,7 @@ _GROUPS = {
 def _group(claim: Claim) -> str:
     if claim.required:
         return "Required"
-    return {"certificate": "Certificates", "printed": "Printed in the paper"}.get(claim.kind, "Further claims")
+    return {"assumption": "Assumptions", "certificate": "Certificates", "printed": "Printed in the paper"}.get(claim.kind, "Further claims")
 
 
 def _claim_row(claim: Claim) -> tuple[Cell, ...]:
@@ -205,8 +197,8 @@ def _witnesses(report: Report) -> Section:
             if claim.witness.data:
                 blocks.append(_data(claim.witness))
             blocks += [Picture(chart) for chart in report.charts if chart.name == witness_name(claim)]
-            if claim.witness.kind in ("constant", "switching"):
-                blocks.append(Listing((f"cdobs simulate {report.spec_path} --witness {claim.id}",)))
+            if claim.witness.kind in ("constant", "switching", "box"):
+                blocks.append(Listing((f"cdobs simulate {quote(report.spec_path)} --witness {claim.id}",)))
     return Section("Counterexamples", tuple(blocks))
 
 
@@ -215,6 +207,7 @@ def witness_text(witness: Witness) -> str:
     kind = {
         "constant": "constant slopes defeat the claim", "switching": "slopes that switch defeat the claim",
         "vector": "a vector defeats the claim", "point": "a point of the domain defeats the claim",
+        "box": "a box of x(0) and a word of sampling periods defeat the claim",
     }[witness.kind]  # fmt: skip
     if witness.kind == "constant" and not any(witness.values):
         kind = "sampling at this period defeats the claim"
@@ -294,8 +287,12 @@ def _exhibits(report: Report) -> Section:
 
 
 def _table(table: Table) -> Grid:
-    rows = tuple(tuple(number_text(cell) for cell in row) for row in table.rows)
+    rows = tuple(tuple(text for cell in row for text in _cell_texts(cell)) for row in table.rows)
     return Grid(table.columns, rows, table.title, table.caption)
+
+
+def _cell_texts(cell: str | float | int | Bound | None) -> tuple[str, ...]:
+    return ends_text(cell) if isinstance(cell, Bound) else (number_text(cell),)
 
 
 def _expectations(report: Report) -> Section:
@@ -306,7 +303,7 @@ def _expectations(report: Report) -> Section:
 
 
 def _reproduce(report: Report) -> Section:
-    blocks: list[Block] = [Listing((f"cdobs run {report.spec_path}", f"cdobs check {report.spec_path}"))]
+    blocks: list[Block] = [Listing((f"cdobs run {quote(report.spec_path)}", f"cdobs check {quote(report.spec_path)}"))]
     if report.digests:
         rows: tuple[tuple[Cell, ...], ...] = tuple((name, Code(digest)) for name, digest in report.digests.items())
         blocks.append(Grid(("artefact", "sha256"), rows))

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections import Counter
 
 from cdobs_cli.certificate import Bound, Status
-from cdobs_cli.report.model import Report, end_text, ends_text, law_text, unit_text
+from cdobs_cli.report.model import Report, law_text
+from cdobs_cli.report.numbers import end_text, ends_text, unit_text
 
 MAX_LISTED = 12
 

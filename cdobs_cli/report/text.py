@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 
+from cdobs_cli import printable
 from cdobs_cli.report.blocks import Block, Bullets, Cell, Code, Grid, Listing, Mark, Mathematics, Paragraph, Picture
 from cdobs_cli.report.equations import latex_block
-from cdobs_cli.report.model import Report, about_text, bound_title
+from cdobs_cli.report.model import Report, bound_title
+from cdobs_cli.report.numbers import about_text
 from cdobs_cli.report.sections import sections
 from cdobs_cli.report.status import SYMBOLS
 from cdobs_cli.report.summary import ends_sentence
@@ -22,7 +24,7 @@ def markdown(report: Report) -> str:
     for section in sections(report):
         parts.append(f"## {section.title}")
         parts += [_block(block) for block in section.blocks]
-    return "\n\n".join(parts) + "\n"
+    return printable.page("\n\n".join(parts) + "\n")
 
 
 def bracket_sentence(report: Report) -> str:
@@ -53,7 +55,7 @@ def _block(block: Block) -> str:
         case Picture(chart):
             return f"![{escape(chart.title)}](figures/{chart.name}.svg)\n\n*{escape(chart.title)}.* {escape(chart.caption)}"
         case Listing(lines):
-            return "```sh\n" + "\n".join(line.replace("```", "") for line in lines) + "\n```"
+            return "```sh\n" + "\n".join(printable.printable(line).replace("```", "") for line in lines) + "\n```"
     raise TypeError(type(block).__name__)
 
 
@@ -73,6 +75,6 @@ def _cell(cell: Cell) -> str:
         case Mark(status):
             return f"{SYMBOLS[status]} {status}"
         case Code(text):
-            return "`" + text.replace("`", "'").replace("|", "/") + "`"
+            return "`" + printable.printable(text).replace("`", "'").replace("|", "/") + "`"
         case _:
             return escape(cell)

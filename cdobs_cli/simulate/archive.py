@@ -8,17 +8,23 @@ all runs one after the other, run r in [offsets[r], offsets[r + 1]) of what is o
 from __future__ import annotations
 
 import io
+import math
+import zipfile
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.lib.format import read_array_header_1_0, read_array_header_2_0, read_magic
 
+from cdobs_cli.codec import read
 from cdobs_cli.errors import ArtefactError
 from cdobs_cli.run import Run, RunSummary, Trajectory
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+MAX_BYTES = 2**30
+ON_GRID, AT_SAMPLES, PER_RUN = ("t", "x"), ("t_k", "y_k"), ("offsets", "sample_offsets", "stopped")
 
 
 def arrays(run: Run) -> dict[str, NDArray[Any]]:
@@ -40,24 +46,55 @@ def arrays(run: Run) -> dict[str, NDArray[Any]]:
     return result
 
 
-def from_arrays(stored: Mapping[str, NDArray[Any]], document: Mapping[str, Any]) -> Run:
-    """The run behind `arrays`, with the figures of its `simulation.json`.
+def to_bytes(run: Run) -> bytes:
+    """`simulation.npz`; the same run gives the same bytes."""
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **arrays(run))  # type: ignore[arg-type]
+    return stream.getvalue()
+
+
+def from_bytes(content: bytes, document: Mapping[str, Any]) -> Run:
+    """The run behind `to_bytes`, with the figures of its `simulation.json`.
 
     Raises:
-        ArtefactError: arrays or a document that no run of this tool has.
+        ArtefactError: bytes or a document that no run of this tool has.
     """
     try:
-        return _read(stored, document)
-    except (KeyError, TypeError, ValueError, IndexError) as error:
+        return _run(_unpacked(content), document)
+    except Exception as error:  # damaged archives raise whatever zipfile, zlib, numpy and tokenize have
         raise ArtefactError(f"simulation.npz and simulation.json are not of one run: {error}; simulate again") from error
 
 
-def _read(stored: Mapping[str, NDArray[Any]], document: Mapping[str, Any]) -> Run:
-    fixed = {"t", "x", "t_k", "y_k", "offsets", "sample_offsets", "stopped"}
-    names = [name for name in stored if name not in fixed]
+def _unpacked(content: bytes) -> dict[str, NDArray[Any]]:
+    """Every array of an archive; nothing is set aside for what its headers only promise."""
+    found: dict[str, NDArray[Any]] = {}
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        members = archive.infolist()
+        if sum(member.file_size for member in members) > MAX_BYTES or len({member.filename for member in members}) < len(members):
+            raise ValueError("arrays that are too large or come twice")
+        for member in members:
+            found[member.filename.removesuffix(".npy")] = _array(archive.read(member))
+    return found
+
+
+def _array(content: bytes) -> NDArray[Any]:
+    stream = io.BytesIO(content)
+    read_header = {(1, 0): read_array_header_1_0, (2, 0): read_array_header_2_0}[read_magic(stream)]
+    shape, by_columns, dtype = read_header(stream)
+    size = math.prod(shape) * dtype.itemsize
+    if dtype.kind not in "fiU" or size != len(content) - stream.tell():
+        raise ValueError("an array that is not of the size or type that it says")
+    if not size:
+        return np.empty(shape, dtype)
+    return np.frombuffer(content, dtype, offset=stream.tell()).reshape(shape, order="F" if by_columns else "C")
+
+
+def _run(stored: Mapping[str, NDArray[Any]], document: Mapping[str, Any]) -> Run:
+    names = [name for name in stored if name not in ON_GRID and name not in AT_SAMPLES and name not in PER_RUN]
     estimates = [name for name in names if not name.startswith(("input.", "internal."))]
     inputs = [name.removeprefix("input.") for name in names if name.startswith("input.")]
     internals = [name.removeprefix("internal.") for name in names if name.startswith("internal.")]
+    _refuse_misshapen(stored, estimates, names)
     trajectories = []
     for run in range(len(stored["offsets"]) - 1):
         on_grid = slice(int(stored["offsets"][run]), int(stored["offsets"][run + 1]))
@@ -69,26 +106,23 @@ def _read(stored: Mapping[str, NDArray[Any]], document: Mapping[str, Any]) -> Ru
                 {name: stored[f"input.{name}"][on_grid] for name in inputs}, str(stored["stopped"][run]) or None,
             )
         )  # fmt: skip
-    summaries = tuple(RunSummary(**summary) for summary in document["runs"])
+    summaries = read(tuple[RunSummary, ...], document["runs"])
     if len(summaries) != len(trajectories):
         raise ValueError("the numbers of runs differ")
-    return Run(tuple(trajectories), summaries, RunSummary(**document["overall"]), document["digests"])
+    return Run(tuple(trajectories), summaries, read(RunSummary, document["overall"]), read(dict[str, str], document["digests"]))
 
 
-def to_bytes(run: Run) -> bytes:
-    """`simulation.npz`; the same run gives the same bytes."""
-    stream = io.BytesIO()
-    np.savez_compressed(stream, **arrays(run))  # type: ignore[arg-type]
-    return stream.getvalue()
-
-
-def from_file(path: Path, document: Mapping[str, Any]) -> Run:
-    """Raises: ArtefactError where the file is missing, damaged, or not of this document."""
-    import zipfile
-
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            content = {name: stored[name] for name in stored.files}
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
-        raise ArtefactError(f"{path.name} cannot be read: {error}; simulate again") from error
-    return from_arrays(content, document)
+def _refuse_misshapen(stored: Mapping[str, NDArray[Any]], estimates: list[str], others: list[str]) -> None:
+    """Raises: ValueError, KeyError, IndexError for arrays that do not fit together."""
+    for offsets, length in ((stored["offsets"], len(stored["t"])), (stored["sample_offsets"], len(stored["t_k"]))):
+        if offsets.dtype != np.int64 or offsets[0] != 0 or offsets[-1] != length or not np.all(np.diff(offsets) > 0):
+            raise ValueError("runs that are not one after the other")
+    n, p = stored["x"].shape[1], stored["y_k"].shape[1]
+    shapes = {"t": (len(stored["t"]),), "x": (len(stored["t"]), n), "t_k": (len(stored["t_k"]),), "y_k": (len(stored["t_k"]), p)}
+    shapes |= {name: (len(stored["t"]), n) if name in estimates else (len(stored["t"]),) for name in others}
+    if any(stored[name].shape != shape or stored[name].dtype != np.float64 for name, shape in shapes.items()):
+        raise ValueError("arrays of unequal lengths or types")
+    if not all(np.all(np.isfinite(stored[name])) for name in ("t", "t_k")):
+        raise ValueError("times that are not finite")
+    if stored["stopped"].shape != (len(stored["offsets"]) - 1,) or stored["offsets"].shape != stored["sample_offsets"].shape:
+        raise ValueError("the numbers of runs differ")

@@ -84,7 +84,7 @@ class ClosedLoop:
     def _conditions(self) -> tuple[Expression, ...]:
         """The domain's `where` conditions at x, and at x_hat where it is reported."""
         where, x_hat = self.plant.domain.where, self.observer.estimates.get("x_hat")
-        if x_hat is None:
+        if x_hat is None or not self.system.estimate_must_stay:
             return where
         estimated = dict(zip(self.plant.states, x_hat, strict=True))
         return where + tuple(condition.substitute(estimated) for condition in where)

@@ -36,8 +36,8 @@ def summarise(loop: ClosedLoop, watch: Watch, record: Record, final_t: Array, fi
         )  # fmt: skip
         trajectories.append(trajectory)
         margin = _margin(min(watch.margin[run], seen.margin.min()), seen) if seen.encloses else None
-        left_domain = bool(watch.left_domain[run]) or bool(outside_domain(loop.plant, seen).any())
-        summaries.append(_summary(loop.plant.states, trajectory, seen, margin, diverged=bool(watch.diverged[run]), left_domain=left_domain))
+        left_domain = bool(watch.left_domain[run]) or bool(outside_domain(loop.system, seen).any())
+        summaries.append(summary(loop.plant.states, trajectory, seen, margin, diverged=bool(watch.diverged[run]), left_domain=left_domain))
     return Run(tuple(trajectories), tuple(summaries), overall(summaries))
 
 
@@ -50,7 +50,7 @@ def _margin(smallest: float, seen: View) -> float:
     return float(np.clip(smallest, -LARGEST, LARGEST))
 
 
-def _summary(
+def summary(
     states: Sequence[str], trajectory: Trajectory, seen: View, margin: float | None, *, diverged: bool, left_domain: bool
 ) -> RunSummary:
     """The figures of one run. Periods are between its measurements, the one at t_0 included; rmse is the

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cdobs_cli.plant import Plant
+from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.simulate.loop import ClosedLoop, View
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ class Watch:
 
     def begin(self, t: Array, y: Array, held: Array) -> None:
         """Fix the limit of the error from where all runs start."""
-        error = _distance(self.loop.see(t, y, held))
+        error = distance(self.loop.see(t, y, held))
         if error is not None:
             self.limit = DIVERGED * (1.0 + error)
 
@@ -47,7 +47,7 @@ class Watch:
         seen = self.loop.see(t, y, held)
         self.loop.signals.refuse_outside(seen.signals, t, seen.signals)
         finite = np.isfinite(y).all(axis=0)
-        error = _distance(seen)
+        error = distance(seen)
         near = finite if error is None else finite & (error <= self.limit[runs])
         reasons: list[tuple[NDArray[np.bool_], str, bool]] = [(np.logical_not(near), "the error grew beyond 1e6 (1 + |e0|)", True)]
         # A condition that cannot be evaluated is not met.
@@ -63,7 +63,7 @@ class Watch:
                     self.halt(run, float(t[point]), y[:, point], held[:, point], sentence, diverged=diverged)
         going = finite & (t <= self.stop_t[runs])
         if self.loop.plant.domain:
-            np.logical_or.at(self.left_domain, runs[going], outside_domain(self.loop.plant, seen)[going])
+            np.logical_or.at(self.left_domain, runs[going], outside_domain(self.loop.system, seen)[going])
         if seen.encloses:
             np.minimum.at(self.margin, runs[going], seen.margin[going])
         return self.halted
@@ -75,7 +75,7 @@ class Watch:
         self.stopped[run] = f"{sentence} (t = {t:.6g})"
 
 
-def _distance(seen: View) -> Array | None:
+def distance(seen: View) -> Array | None:
     """|x_hat - x|, or the larger distance of x from the ends of its interval."""
     if "x_hat" in seen.estimates:
         parts = seen.estimates["x_hat"] - seen.x
@@ -86,10 +86,11 @@ def _distance(seen: View) -> Array | None:
     return np.sqrt((parts * parts).sum(axis=0))  # type: ignore[no-any-return]
 
 
-def outside_domain(plant: Plant, seen: View) -> NDArray[np.bool_]:
-    """Where x, or x_hat where it is reported, is outside the declared box or breaks a `where` condition."""
+def outside_domain(system: HybridSystem, seen: View) -> NDArray[np.bool_]:
+    """Where x, or x_hat where it must stay too, is outside the declared box or breaks a `where` condition."""
     outside = (seen.where < -1e-9).any(axis=0) | np.zeros(seen.x.shape[1], dtype=bool)
-    for rows in (seen.x, seen.estimates.get("x_hat")):
+    plant = system.plant
+    for rows in (seen.x, seen.estimates.get("x_hat") if system.estimate_must_stay else None):
         if rows is None:
             continue
         for name, row in zip(plant.states, rows, strict=True):

@@ -13,11 +13,12 @@ from pydantic import BaseModel, Field
 from pydantic_core import PydanticCustomError
 
 from cdobs_cli.errors import Problem, SpecError
+from cdobs_cli.exact.budget import READING, WorkError, budget
 from cdobs_cli.exact.expression import Expression, Number
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import nearest
 from cdobs_cli.families import FAMILIES, Family
-from cdobs_cli.families.fields import read_exact
+from cdobs_cli.fields import read_exact
 from cdobs_cli.plant import Plant, TypedDynamics, coordinate_names
 from cdobs_cli.run import SimulationPlan
 from cdobs_cli.spec.block import Block, Text, is_identifier, placed, read_block
@@ -25,6 +26,7 @@ from cdobs_cli.spec.boxes import MAX_STATES
 from cdobs_cli.spec.expect import Expectation, ExpectBlock, expect_problems, expectation
 from cdobs_cli.spec.measurement_block import MeasurementBlock, measurement_problems, sampling_law
 from cdobs_cli.spec.plant_block import MAX_PARAMETERS, PlantBlock, plant_problems, typed_plant
+from cdobs_cli.spec.plant_file import read_plant_file
 from cdobs_cli.spec.reader import MAX_PROBLEMS, Document, FieldPath, read, shown
 from cdobs_cli.spec.simulation_block import SimulationBlock, plan, simulation_problems
 
@@ -109,15 +111,26 @@ def canonical(value: Any) -> Any:
 def load(path: str | Path) -> Spec:
     """Read and check a spec.
 
+    The work is bounded: see `exact.budget`.
+
     Raises:
         SpecError: every mistake that was found, each with file, line and column.
     """
     path = Path(path)
-    document = read(path)
+    return load_document(read(path), path)
+
+
+def load_document(document: Document, path: Path) -> Spec:
+    """Check what was read. Raises: SpecError, as `load`."""
+    loader = _Loader(document, path)
     with warnings.catch_warnings():
         # Python warns of odd literals in typed expressions; they are refused in our own words.
         warnings.simplefilter("ignore")
-        return _Loader(document, path).load()
+        try:
+            with budget(READING):
+                return loader.load()
+        except WorkError as error:
+            raise loader.too_much(error) from None
 
 
 class _Loader:
@@ -138,6 +151,13 @@ class _Loader:
             more = Problem((), f"{len(told) - MAX_PROBLEMS} more mistakes are not shown", file=own)
             told = [*told[:MAX_PROBLEMS], more]
         return SpecError(tuple(told))
+
+    def too_much(self, error: WorkError) -> SpecError:
+        """Where the work is used up: coordinates cost most, and their user can save it."""
+        at: FieldPath = ("plant", "coordinates") if ("plant", "coordinates") in self.document.values else ("plant",)
+        hint = "type `map` and `inverse`" if self.document.value(at) == "lie" else "shorten the expressions"
+        self.problems.append(Problem(at, str(error), hint=hint))
+        return self.fail()
 
     @property
     def failed(self) -> bool:
@@ -212,7 +232,7 @@ class _Loader:
             self.document.refused.add(("plant",))
             return
         try:
-            included = read(self.path.parent / name)
+            included = read_plant_file(self.path, name)
         except SpecError as error:
             self.problems += [self.included_problem(problem, at) for problem in error.problems]
             raise self.fail() from None

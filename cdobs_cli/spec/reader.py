@@ -33,6 +33,7 @@ _BOOLEAN = {"true": True, "True": True, "TRUE": True, "false": False, "False": F
 _INTEGER = re.compile(r"[-+]?[0-9]+\Z")
 _DECIMAL = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?\Z")
 _NOT_FINITE = re.compile(r"([-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN))\Z")
+_SURROGATE = re.compile("[\ud800-\udfff]")
 _FORBIDDEN = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f\x80-\x84\x86-\x9f\ufffe\uffff]")
 
 
@@ -70,6 +71,13 @@ class Document:
         while path and path not in self.values:
             path = path[:-1]
         return self.values.get(path, Place(self.file, 1, 1))
+
+    def value(self, path: FieldPath) -> Any:
+        """What stands at a path that was typed."""
+        inside = self.root
+        for part in path:
+            inside = inside[part]
+        return inside
 
     def graft(self, at: FieldPath, other: Document) -> None:
         """Put another file's content in the place of the value at `at`."""
@@ -150,6 +158,7 @@ def _refusal(file: str, what: str, line: int | None = 1, column: int | None = 1,
 def _bytes(path: Path) -> bytes:
     file = str(path)
     try:
+        _require_regular(file, os.stat(path).st_mode)  # opening a device may already do something
         # Without O_NONBLOCK a named pipe would wait for a writer for ever.
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     except FileNotFoundError:
@@ -157,11 +166,8 @@ def _bytes(path: Path) -> bytes:
     except (OSError, ValueError) as error:
         reason = (error.strerror or "unreadable").lower() if isinstance(error, OSError) else "not a file name"
         raise _refusal(file, f"the file cannot be read: {reason}", None, None) from None
-    mode = os.fstat(handle).st_mode
-    if not stat.S_ISREG(mode):
-        os.close(handle)
-        raise _refusal(file, "a YAML file is expected", None, None, got="a directory" if stat.S_ISDIR(mode) else "not a regular file")
     with os.fdopen(handle, "rb") as stream:
+        _require_regular(file, os.fstat(handle).st_mode)
         try:
             data = stream.read(MAX_BYTES + 1)
         except OSError as error:
@@ -169,6 +175,11 @@ def _bytes(path: Path) -> bytes:
     if len(data) > MAX_BYTES:
         raise _refusal(file, "the file is too large", None, None, allowed=f"at most {MAX_BYTES} bytes")
     return data
+
+
+def _require_regular(file: str, mode: int) -> None:
+    if not stat.S_ISREG(mode):
+        raise _refusal(file, "a YAML file is expected", None, None, got="a directory" if stat.S_ISDIR(mode) else "not a regular file")
 
 
 def _decode(file: str, data: bytes) -> str:
@@ -243,6 +254,8 @@ class _Builder:
     def scalar(self, event: yaml.ScalarEvent) -> None:
         if len(event.value) > MAX_SCALAR:
             raise self.stop("a value that is too long", self.last, allowed=f"at most {MAX_SCALAR} characters")
+        if (half := _SURROGATE.search(event.value)) is not None:
+            raise self.stop("half of a surrogate pair is no character", self.last, got=f"\\u{ord(half.group()):04x}")
         frame = self.frames[-1] if self.frames else None
         if frame is not None and isinstance(frame.container, dict) and frame.awaits_key:
             self.key(frame, event)

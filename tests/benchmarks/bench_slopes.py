@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "certify"))
 from test_proved_bounds import sampled_violations
 from test_slopes import bioreactor, make_plant
 
-from cdobs_cli.certify.slopes import resolve, slope_claims
+from cdobs_cli.bounds.slopes import resolve, slope_claims
 
 
 def timed(name, work):

@@ -29,6 +29,9 @@ class Copying(Family):
     source: ClassVar[str] = "Dinh2014, Theorem III.2"
     example: ClassVar[str] = ""
 
+    def given(self) -> Mapping[str, ExactMatrix | None]:
+        return {"K": None}
+
     def synthesize(self, plant: Plant, effort: int) -> Design:
         raise NotImplementedError
 
@@ -72,7 +75,7 @@ def make_plant() -> Plant:
 
 def make_design() -> Design:
     law = SamplingLaw.periodic(Exact("0.6"))
-    solver = SolverRecord("clarabel", "0.11.1", "Solved", 14, 0.02)
+    solver = SolverRecord("clarabel", "0.11.1", "Solved", 14)
     certificate = Certificate("clock", law, {"P": [["2", "0.1"], ["0.1", "1"]]})
     gain = {"K": ExactMatrix([["1"], ["1.8361"]])}
     return Design("copying", "found", law, gain, (certificate,), solver, digests={"design": "b" * 64})

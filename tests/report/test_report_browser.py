@@ -11,6 +11,7 @@ import pytest
 
 from cdobs_cli.certificate import Bound
 from cdobs_cli.report.index import IndexEntry, index_page
+from cdobs_cli.report.style import source_hash
 
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 QUIET = (
@@ -22,6 +23,7 @@ QUIET = (
 def dump(page: bytes, folder: Path, script: str) -> tuple[list[str], str]:
     """The names of the rows after a script has run, and what the browser's console said."""
     path = folder / "index.html"
+    page = page.replace(b"script-src ", f"script-src {source_hash(script)} ".encode())
     path.write_bytes(page.replace(b"</body>", f"<script>{script}</script></body>".encode()))
     command = [str(BROWSER), *QUIET, f"--user-data-dir={folder / 'profile'}", "--dump-dom", path.as_uri()]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+from base64 import b64encode
+from hashlib import sha256
 from html.parser import HTMLParser
 
 import pytest
@@ -117,3 +119,32 @@ def test_the_index() -> None:
 
 def test_an_empty_index() -> None:
     assert "0 specs: none." in "".join(checked(index_page([])).text)
+
+
+def policy(page: str) -> dict[str, list[str]]:
+    """The directives of the page's Content-Security-Policy, which stands before all that it governs."""
+    (content,) = re.findall(r'<meta http-equiv="Content-Security-Policy" content="([^"]*)">', page)
+    assert page.index("Content-Security-Policy") < min(page.index(tag) for tag in ("<style", "<link", "<title"))
+    return {words[0]: words[1:] for words in (part.split() for part in content.split(";"))}
+
+
+def allowed_scripts(page: str) -> list[str]:
+    sources = [
+        f"'sha256-{b64encode(sha256(code.encode()).digest()).decode()}'" for code in re.findall(r"<script>(.*?)</script>", page, re.S)
+    ]
+    assert page.count("<script") == len(sources)
+    return sources
+
+
+def test_the_policy_of_a_page_allows_what_is_in_it_and_nothing_else(files: dict[str, bytes]) -> None:
+    report = files["report.html"].decode()
+    index = index_page([IndexEntry("p", "P", "proved", link="p/report.html", figure="p/figures/error.svg")]).decode()
+    for page, pictures, scripts in ((report, ["data:"], 0), (index, ["'self'", "file:", "data:"], 1)):
+        rules = policy(page)
+        assert rules["default-src"] == rules["base-uri"] == rules["form-action"] == ["'none'"]
+        assert rules["style-src"] == ["'unsafe-inline'"]
+        assert rules["img-src"] == pictures
+        assert rules.get("script-src", []) == allowed_scripts(page)
+        assert len(rules.get("script-src", [])) == scripts
+        # What is not named falls to default-src: no frame, font, connection, object, worker.
+        assert set(rules) - {"script-src"} == {"default-src", "style-src", "img-src", "base-uri", "form-action"}

@@ -7,7 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cdobs_cli.certificate import Bound
-from cdobs_cli.report.model import bracket_text, end_text, ends_text, margin_text, number_text
+from cdobs_cli.chart import Table
+from cdobs_cli.report.numbers import bracket_text, end_text, ends_text, margin_text, number_text
+from cdobs_cli.report.sections import _table
 
 
 @pytest.mark.parametrize(
@@ -26,7 +28,17 @@ def test_ends_are_rounded_to_the_safe_side() -> None:
 
 
 def test_a_bound_where_less_is_better_is_rounded_the_other_way() -> None:
-    assert ends_text(Bound("3.80000001", "3.1234567", "1")) == ("3.80001", "3.12345")
+    assert ends_text(Bound("3.80000001", "3.1234567", "1", better="less")) == ("3.80001", "3.12345")
+
+
+def test_a_single_end_goes_to_its_safe_side_too() -> None:
+    assert ends_text(Bound("4.7095651535", None, "1", better="less")) == ("4.70957", "–")
+    assert ends_text(Bound(None, "4.7095651535", "1", better="less")) == ("–", "4.70956")
+
+
+def test_a_bound_in_a_table_is_rounded_like_everywhere() -> None:
+    table = Table("periods", "", "", ("method", "proved", "refuted"), (("clock", Bound("1.03119", "1.0311948")),))
+    assert _table(table).rows == (("clock", "1.03119", "1.0311948"),)
 
 
 def test_a_narrow_bracket_keeps_its_two_ends_apart() -> None:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from fractions import Fraction
@@ -294,10 +295,10 @@ def test_mistakes_in_a_plant_file_name_that_file(write):
     ("name", "content", "part"),
     [
         ("missing.yaml", None, "2:15: plant.file: no such file"),
-        (".", None, "a YAML file is expected"),
+        (".", None, "2:15: plant.file: a plant's file is a YAML file"),
         ("p.plant.yaml", "a: [", "p.plant.yaml:1:5: plant.file: not YAML"),
         ("p.plant.yaml", "file: p.plant.yaml", "p.plant.yaml:1:1: plant.file: a plant's file names no further file"),
-        ("p.plant.yaml", "[1]", "p.plant.yaml:1:1: plant: a mapping is expected"),
+        ("p.plant.yaml", "[1]", "2:15: plant.file: the file holds no plant"),
         ("3", None, "2:15: plant.file: a file name is expected; got 3"),
         ("p.plant.yaml, A: 1", "states: [x]", "2:32: plant.A: goes into the plant's file"),
     ],
@@ -308,6 +309,80 @@ def test_plant_files_that_are_wrong(write, name, content, part):
     with pytest.raises(SpecError) as caught:
         load(write(with_file(name)))
     assert part in str(caught.value)
+
+
+SECRET = "hunter2"
+
+
+def refused_plant(write, tmp_path, name):
+    """What is told of a spec that names this plant file: at the line of the name, and nothing of any file."""
+    folder = tmp_path / "specs"
+    folder.mkdir(exist_ok=True)
+    spec = write(with_file(name), "specs/spec.yaml")
+    with pytest.raises(SpecError) as caught:
+        load(spec)
+    (problem,) = caught.value.problems
+    assert SECRET not in str(problem)
+    assert (problem.file, problem.path) == (str(spec), "plant.file")
+    assert problem.line == 2
+    return problem.text
+
+
+@pytest.mark.parametrize(
+    "content",
+    [f"root: {SECRET}", f"{SECRET}", f"- {SECRET}", f"*{SECRET}", f"&{SECRET} 1", f"!{SECRET} 1", f"{SECRET}: .nan", f"token: {SECRET}\nA: [[1]]"],
+)  # fmt: skip
+def test_nothing_is_quoted_of_a_file_that_is_no_plant(write, tmp_path, content):
+    (tmp_path / "specs").mkdir()
+    write(content, "specs/secret.yaml")
+    assert refused_plant(write, tmp_path, "secret.yaml") == "the file holds no plant; allowed: a mapping with `states`"
+
+
+@pytest.mark.parametrize("content", [f"a: [{SECRET}", f"{SECRET}: !{SECRET}!x 1", f"a: '{SECRET}", f'a: "\\{SECRET}"'])
+def test_nothing_is_quoted_of_a_file_that_is_no_yaml(write, content):
+    path = write(content, "secret.yaml")
+    with pytest.raises(SpecError) as caught:
+        load(write(with_file("secret.yaml")))
+    (problem,) = caught.value.problems
+    assert SECRET not in str(problem)
+    assert (problem.file, problem.what) == (str(path), "not YAML")
+
+
+def test_a_plant_file_stands_below_the_folder_of_its_spec(write, tmp_path):
+    write(PLANT_FILE, "outside.yaml")
+    below = "a plant's file stands below the folder of its spec"
+    (tmp_path / "specs" / "deep").mkdir(parents=True)
+    for name in (
+        "../outside.yaml",
+        str(tmp_path / "outside.yaml"),
+        "deep/../../outside.yaml",
+        "deep/../in.yaml",
+        "/etc/passwd",
+        "/dev/zero",
+    ):
+        assert refused_plant(write, tmp_path, name).startswith(below)
+    for link, target in (("out.yaml", "../outside.yaml"), ("etc.yaml", "/etc/passwd"), ("zero.yaml", "/dev/zero")):
+        os.symlink(target, tmp_path / "specs" / link)
+        assert refused_plant(write, tmp_path, link).startswith(below)
+    os.symlink("..", tmp_path / "specs" / "up")
+    assert refused_plant(write, tmp_path, "up/outside.yaml").startswith(below)
+    os.symlink("loop.yaml", tmp_path / "specs" / "loop.yaml")
+    assert refused_plant(write, tmp_path, "loop.yaml").startswith("the file cannot be read")
+    # A link that stays below is as good as a file.
+    write(PLANT_FILE, "specs/deep/in.yaml")
+    os.symlink("deep/in.yaml", tmp_path / "specs" / "here.yaml")
+    for name in ("here.yaml", "deep/in.yaml"):
+        load(write(with_file(name), "specs/spec.yaml"))
+
+
+def test_what_is_no_file_is_refused_at_once(write, tmp_path):
+    (tmp_path / "specs" / "folder.yaml").mkdir(parents=True)
+    os.mkfifo(tmp_path / "specs" / "pipe.yaml")
+    write("a: " + "x" * 300_000, "specs/huge.yaml")
+    told = [refused_plant(write, tmp_path, f"{name}.yaml").split(";")[0] for name in ("folder", "pipe", "huge")]
+    assert told == ["a YAML file is expected", "a YAML file is expected", "the file is too large"]
+    assert refused_plant(write, tmp_path, "notes.txt").startswith("a plant's file is a YAML file")
+    assert refused_plant(write, tmp_path, r'"x\0.yaml"').startswith("the file cannot be read")
 
 
 def test_reading_a_spec_stays_light(write):

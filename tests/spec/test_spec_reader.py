@@ -137,3 +137,15 @@ def test_files_that_cannot_be_read(tmp_path: Path):
     locked.chmod(0)
     if os.geteuid() != 0:
         assert "permission denied" in told(locked)
+
+
+@pytest.mark.parametrize("half", [r"\uD800", r"\uDFFF", r"\U0000DC80", r"\uD83D\uDE00"])
+@pytest.mark.parametrize("text", ['a: 1\nb: "{}"\n', 'a: 1\n"b {}": 1\n', 'a: 1\n["{}"]: 1\n', 'a: 1\nb: [x, "y{}"]\n'])
+def test_half_a_surrogate_pair_is_refused_at_its_line(text: str, half: str):
+    """YAML has no way to write one; what Python makes of it cannot be written to a file."""
+    with pytest.raises(SpecError) as caught:
+        read_text(text.format(half), "f.yaml")
+    problem = caught.value.problems[-1]
+    assert problem.line == 2
+    assert problem.what == "half of a surrogate pair is no character"
+    str(problem).encode()

@@ -6,10 +6,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from flint import arb
 
 from cdobs_cli.certificate import Check
 from cdobs_cli.chart import Chart, Exhibits, Panel, Series, Table
 from cdobs_cli.design import Design
+from cdobs_cli.exact.numbers import upper_text
 from cdobs_cli.families.interval.analysis import Analysis
 from cdobs_cli.families.interval.theorems import error_flow, error_held
 from cdobs_cli.families.interval.widths import comparison
@@ -27,7 +29,7 @@ def exhibits(family: Interval, plant: Plant, design: Design, check: Check | None
     if design.outcome == "none":
         return Exhibits()
     charts = [width_chart(plant, check, run), positivity_chart(plant, design, check), trade_off_chart(design, check)]
-    tables = [comparison_table(family, plant, design, check), sylvester_table(design)]
+    tables = [comparison_table(family, plant, design, check), sylvester_table(plant, design)]
     return Exhibits(tuple(chart for chart in charts if chart), tuple(table for table in tables if table), _notes(check))
 
 
@@ -53,7 +55,7 @@ def positivity_chart(plant: Plant, design: Design, check: Check | None) -> Chart
     from cdobs_cli.certify.falsify import exponentials
     from cdobs_cli.families.interval.certificates import Views
 
-    bound = check.bounds.get("positivity_period_max") if check is not None else None
+    bound = check.bounds.get("positivity_period_max.orthant") if check is not None else None
     if check is None or bound is None or bound.refuted is None:
         return None
     z = Views.of(plant, design.gain).floats
@@ -70,24 +72,28 @@ def positivity_chart(plant: Plant, design: Design, check: Check | None) -> Chart
     printed = check.bounds.get("positivity_period_max.theorem_1")
     if printed is not None and printed.proved is not None and float(printed.proved) <= s[-1]:
         series.append(Series("printed condition", (float(printed.proved),), (0.0,), "mark", "measured"))
-    caption = "The bounds stay in order between two samples as long as these entries are not negative; no other entry can fail first."
+    caption = "From every box of z the bounds stay in order between two samples while these entries are not negative; no other fails first."
     return Chart("positivity", "Positivity between samples", caption, (Panel("time since the sample (s)", "E(s)", tuple(series)),))
 
 
 def trade_off_chart(design: Design, check: Check | None) -> Chart | None:
-    """Least proved width sum against the largest period; each point is a design of its own."""
-    points = design.details.get("trade_off") or []
+    """Least width sum found against the largest period; each point is a design of its own."""
+    try:
+        points = [(float(point["period"]), float(point["width_sum"])) for point in design.details.get("trade_off") or []]
+    except (KeyError, TypeError, ValueError):  # not what synthesis writes
+        return None
     if len(points) < 2:
         return None
-    periods, widths = ([float(point[name]) for point in points] for name in ("period", "width_sum"))
+    periods, widths = zip(*points, strict=True)
     series = [
         Series("least width found", periods, widths, "line", "other"),
-        Series("proved designs", periods, widths, "points", "proved"),
+        Series("designs", periods, widths, "points", "other"),
     ]
     own = check.bounds.get("final_width") if check is not None else None
     if own is not None and own.proved is not None:
         series.append(Series("this design", (float(design.sampling.T_max),), (float(own.proved),), "points", "estimate"))
-    caption = "Sum of the final widths against the largest sampling period; each point is an S and L of its own, with its proof."
+    caption = "Sum of the final widths against the largest sampling period; each point is an S and L of its own, proved when it "
+    caption += "was found; what `check` proves again is this design."
     panel = Panel("largest sampling period (s)", "sum of final widths", tuple(series), y_scale="log")
     return Chart("trade_off", "Period against width", caption, (panel,))
 
@@ -103,20 +109,27 @@ def comparison_table(family: Interval, plant: Plant, design: Design, check: Chec
     rows = []
     for name, label in labels.items():
         if name in found:
-            values = [float(value) for value in found[name].floats.reshape(-1)]
+            values = [float(upper_text(arb(row[0]))) for row in found[name].tolist()]
             rows.append((label, *values, sum(values)))
     caption = "Largest width that each can settle at, proved, for the same S and L under the declared disturbance and noise."
     return Table("widths", "Ways to tighten the bounds", caption, ("bounds", *plant.states, "sum"), tuple(rows))
 
 
-def sylvester_table(design: Design) -> Table | None:
-    """Rates of the Sylvester equation and what its printed solution leaves."""
+def sylvester_table(plant: Plant, design: Design) -> Table | None:
+    """Rates of the Sylvester equation, and what its printed solution leaves, computed anew."""
+    from cdobs_cli.families.interval.certificates import sylvester_residuals
+
     found = design.details.get("sylvester")
     if not found:
         return None
-    rows: list[tuple[str | float, ...]] = [(f"rate {k + 1}", float(rate)) for k, rate in enumerate(found["rates"])]
-    rows.append(("residual of T A - Lambda T = G C, relative", float(found["residual"])))
-    rows.append(("S L C S^-1 off its diagonal block, relative", float(found["residual_structure"])))
+    try:
+        rates, directions = np.array(found["rates"], float), np.array(found["directions"], float)
+        solved, structure = sylvester_residuals(plant, design.gain, rates, directions)
+    except (KeyError, TypeError, ValueError):  # not what synthesis writes
+        return None
+    rows: list[tuple[str | float, ...]] = [(f"rate {k + 1}", float(rate)) for k, rate in enumerate(rates)]
+    rows.append(("residual of T A - Lambda T = G C, relative", solved))
+    rows.append(("S L C S^-1 off its diagonal block, relative", structure))
     caption = "S = [C; T] in printed decimals. The residuals do not matter for the proofs, which read the printed numbers."
     return Table("sylvester", "Sylvester equation", caption, ("quantity", "value"), tuple(rows))
 
@@ -125,7 +138,7 @@ def _notes(check: Check | None) -> tuple[str, ...]:
     if check is None:
         return ()
     notes = []
-    printed, exact = (check.bounds.get(name) for name in ("positivity_period_max.theorem_1", "positivity_period_max"))
+    printed, exact = (check.bounds.get(name) for name in ("positivity_period_max.theorem_1", "positivity_period_max.orthant"))
     if printed is not None and exact is not None and printed.proved and exact.proved and exact.proved != "inf":
         factor = float(exact.proved) / float(printed.proved)
         notes.append(f"The exact positivity limit is {factor:.3g} times the one of the printed condition.")

@@ -8,22 +8,23 @@ w = C (e - e(t_k)), P and U Lyapunov and Wirtinger matrices, Y = P L, sigma the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.families.base import Family
-from cdobs_cli.families.fields import Rows
+from cdobs_cli.fields import Rows
 
 if TYPE_CHECKING:
+    from cdobs_cli.bounds.estimate import Transient
     from cdobs_cli.certificate import Check
     from cdobs_cli.chart import Exhibits
-    from cdobs_cli.design import Design
+    from cdobs_cli.design import Confinement, Design
     from cdobs_cli.exact.numbers import ExactMatrix
     from cdobs_cli.hybrid import HybridInclusion, Observer
-    from cdobs_cli.plant import Plant
+    from cdobs_cli.plant import Box, Plant
     from cdobs_cli.run import Run, SimulationPlan
 
 
@@ -50,34 +51,11 @@ class LpvZeroOrderHold(Family):
     """`observer: {family: lpv_zoh, ..}`."""
 
     source: ClassVar[str] = "Boukal2020"
-    example: ClassVar[str] = """\
-spec_version: 1
-title: Double integrator with a sine, measured at most every 1.2 s
-plant:
-  states: [x1, x2]
-  A: [[0, 1], [0, 0]]
-  phi: ["0", "0.3*sin(x1)"]
-  lipschitz: [[0, 0], [0.3, 0]]      # |d phi_2 / d x_1| <= 0.3; an entry may be [lo, hi] or auto
-measurement:
-  C: [[1, 0]]
-  sampling: {max_period: 1.2}        # any T_k up to 1.2; or {period: 1.2}, {min_period: 0.5, max_period: 1.2}
-observer:
-  family: lpv_zoh
-  objective: given_period            # or max_period, decay_rate
-  method: best                       # or clock, wirtinger, repaired, theorem_1
-  # gain: {L: [[1.2], [0.4]]}        # given: analyse this one; absent: find one
-  # printed: {P: [[..]], Y: [[..]]}  # data of Theorem 1 of Boukal2020 to put to the test
-simulation:
-  horizon: 30
-  initial_state: [1, 0]
-  initial_estimate: [0, 0.5]
-expect:
-  - {quantity: bounds.period_max.proved, at_least: 1.2}
-"""
 
     family: Literal["lpv_zoh"] = "lpv_zoh"
     objective: Literal["given_period", "max_period", "decay_rate"] = "given_period"
     method: Literal["best", "clock", "wirtinger", "repaired", "theorem_1"] = "best"
+    saturate: bool | Literal["auto"] = "auto"
     gain: Gain | None = None
     printed: PrintedData | None = None
 
@@ -85,6 +63,9 @@ expect:
         from cdobs_cli.families.lpv_zoh.structure import problems
 
         return problems(self, plant)
+
+    def given(self) -> Mapping[str, ExactMatrix | None]:
+        return {"L": self.gain.L if self.gain else None}
 
     def synthesize(self, plant: Plant, effort: int) -> Design:
         from cdobs_cli.families.lpv_zoh.synthesis import synthesize
@@ -107,6 +88,16 @@ expect:
 
         # Without a design: what no gain helps against is seen without one.
         return inclusion(plant, gain or {"L": ExactMatrix([[0] * plant.p for _ in range(plant.n)])})
+
+    def transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
+        from cdobs_cli.families.lpv_zoh.levels import levels
+
+        return tuple(level.bounds for level in levels(plant, design))
+
+    def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:
+        from cdobs_cli.bounds.estimate import confine
+
+        return confine(plant, self.saturate, self.transients(plant, design), start)
 
     def exhibits(self, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
         from cdobs_cli.families.lpv_zoh.exhibits import exhibits

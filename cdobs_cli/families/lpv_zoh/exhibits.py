@@ -83,13 +83,19 @@ def _to_end(values: Any) -> Any:
 
 def _curve(plant: Plant, design: Design, check: Check | None) -> list[Chart]:
     """The rate that can be proved at each largest period."""
-    curve = design.details.get("curve", {})
+    try:
+        curve = {
+            key: [(float(point["period"]), float(point["rate"])) for point in points]
+            for key, points in design.details.get("curve", {}).items()
+        }
+    except (AttributeError, KeyError, TypeError, ValueError):  # not what synthesis writes
+        return []
     shown: tuple[tuple[str, str, Role], ...] = (
         ("any_gain", "convex synthesis, a gain for each period", "other"),
-        ("this_gain", "this gain", "proved"),
+        ("this_gain", "this gain", "estimate"),
     )
     series = [
-        Series(label, [float(point["period"]) for point in curve[key]], [float(point["rate"]) for point in curve[key]], "line", role)
+        Series(label, [period for period, _ in curve[key]], [rate for _, rate in curve[key]], "line", role)
         for key, label, role in shown
         if curve.get(key)
     ]
@@ -99,7 +105,7 @@ def _curve(plant: Plant, design: Design, check: Check | None) -> list[Chart]:
     if bound is not None and bound.refuted not in (None, "inf"):
         series.append(Series("this gain refuted", [float(bound.refuted or 0)], [0.0], "mark", "refuted"))
     law = "the sampling period" if plant.sampling.kind == "periodic" else "the largest sampling period"
-    caption = f"The decay rate against {law}. Each point was proved when the design was made."
+    caption = f"The decay rate against {law}. Each point was proved when it was found; what `check` proves again is this design at its law."
     return [Chart("period_rate", "Period against rate", caption, (Panel("period (s)", "proved rate (1/s)", tuple(series)),))]
 
 
@@ -131,7 +137,7 @@ def _ladder(check: Check | None) -> list[Table]:
     if check is None:
         return []
     rows = [
-        (name.removeprefix("period_max.") if "." in name else "best", bound.proved, bound.refuted)
+        (name.removeprefix("period_max.") if "." in name else "best", bound)
         for name, bound in check.bounds.items()
         if name.split(".")[0] == "period_max"
     ]

@@ -29,10 +29,11 @@ def exhibits(family: Reachability, plant: Plant, design: Design, check: Check | 
     """Charts where there is something to draw; the ladder of methods as a table."""
     charts = []
     certificate = _own(design)
-    if certificate is not None and run is not None:
+    contraction = check.claim("set.contraction") if check is not None else None
+    if certificate is not None and run is not None and contraction is not None and contraction.status == "proved":
         charts += _lyapunov(plant, design, certificate, run)
     if family.method != "clock" and family.set == "clarke":
-        charts += _periods(family, plant, design)
+        charts += _periods(family, plant, design, check)
     return Exhibits(tuple(charts), _ladder(check) if check else (), _notes(family, plant, design))
 
 
@@ -68,7 +69,7 @@ def _lyapunov(plant: Plant, design: Design, certificate: Certificate, run: Run) 
     return [Chart("lyapunov", "Lyapunov function at the samples", caption, (Panel("t", "V", series, "log"),))]
 
 
-def _periods(family: Reachability, plant: Plant, design: Design) -> list[Chart]:
+def _periods(family: Reachability, plant: Plant, design: Design, check: Check | None) -> list[Chart]:
     """delta_star and the largest period of the set against a factor on all slopes."""
     if not plant.slopes.uncertain or not is_chain(plant):
         return []
@@ -79,7 +80,7 @@ def _periods(family: Reachability, plant: Plant, design: Design) -> list[Chart]:
     series: list[Series] = []
     if finite:
         series.append(Series("delta_star, (31) holds below", [f for f, _ in finite], [d for _, d in finite], "line", "other"))
-    periods = _largest_periods(family, plant, design)
+    periods = _largest_periods(family, plant, design, check)
     if periods:
         series.append(Series("largest period of the set", [f for f, _ in periods], [d for _, d in periods], "line", "proved"))
     if not series:
@@ -93,8 +94,8 @@ def _scaled(values: tuple[Number, ...], factor: Fraction) -> tuple[Number, ...]:
     return tuple(value * (factor if isinstance(value, Fraction) else fraction_ball(factor)) for value in values)
 
 
-def _largest_periods(family: Reachability, plant: Plant, design: Design) -> list[tuple[float, float]]:
-    """By search for two states (no solver); by time scaling from the stored one where a single slope is
+def _largest_periods(family: Reachability, plant: Plant, design: Design, check: Check | None) -> list[tuple[float, float]]:
+    """By search for two states (no solver); by time scaling from the longest one proved where a single slope is
     uncertain: c_k s^(n-k+1) goes with delta / s."""
     stored = max((c for c in design.certificates if c.method == METHOD), key=lambda c: float(c.sampling.T_max), default=None)
     if plant.n == 2 and plant.p == 1:
@@ -112,10 +113,21 @@ def _largest_periods(family: Reachability, plant: Plant, design: Design) -> list
     entries = plant.slopes.uncertain
     zero_row = all(plant.A[plant.n - 1, j].sign() == 0 for j in range(plant.n))
     any_gain = [c for c in design.certificates if c.method == METHOD and "K" in c.data]
-    if stored is None or len(entries) != 1 or not zero_row or not (any_gain or family.objective == "max_period"):
+    if len(entries) != 1 or not zero_row or not (any_gain or family.objective == "max_period"):
+        return []
+    if stored is None or not _is_proved(stored, check):
         return []
     power = 1.0 / (plant.n - entries[0][1])
     return [(float(f), float(stored.sampling.T_max) * float(f) ** -power) for f in FACTORS]
+
+
+def _is_proved(stored: Certificate, check: Check | None) -> bool:
+    """Whether the check has proved the period of a stored certificate, for this gain or for some gain."""
+    names = (f"period_max.{METHOD}", "period_max_any_gain")
+    ends = [bound.proved for name in names if check is not None and (bound := check.bounds.get(name)) is not None]
+    # The end may be the period rounded down to 12 digits.
+    T = float(stored.sampling.T_max)
+    return any(end == "inf" or (end is not None and float(Exact(end)) * (1 + 1e-11) >= T) for end in ends)
 
 
 def _times(matrix: ExactMatrix, factor: Fraction) -> ExactMatrix:
@@ -123,18 +135,10 @@ def _times(matrix: ExactMatrix, factor: Fraction) -> ExactMatrix:
 
 
 def _ladder(check: Check) -> tuple[Table, ...]:
-    rows = tuple(
-        (name.removeprefix("period_max."), _number(bound.proved), _number(bound.refuted))
-        for name, bound in check.bounds.items()
-        if name.startswith("period_max")
-    )
+    rows = tuple((name.removeprefix("period_max."), bound) for name, bound in check.bounds.items() if name.startswith("period_max"))
     return (
         Table("periods", "Largest period by method", "What each method proves for this gain.", ("method", "proved", "refuted above"), rows),
     )
-
-
-def _number(text: str | None) -> float | None:
-    return None if text is None else float(text)
 
 
 def _notes(family: Reachability, plant: Plant, design: Design) -> tuple[str, ...]:

@@ -31,7 +31,7 @@ ADDED = 6
 
 @dataclass
 class Log:
-    """What the solver was asked in all: calls, iterations, seconds. `binding` are the members that the last
+    """What the solver was asked in all: calls, iterations. `binding` are the members that the last
     searches ended with, by what was searched: the next period starts from them."""
 
     records: list[SolverRecord] = field(default_factory=list)
@@ -43,10 +43,7 @@ class Log:
         if not self.records:
             return None
         last = self.records[-1]
-        return SolverRecord(
-            last.name, last.version, last.status, sum(record.iterations for record in self.records),
-            round(sum(record.seconds for record in self.records), 4),
-        )  # fmt: skip
+        return SolverRecord(last.name, last.version, last.status, sum(record.iterations for record in self.records))
 
 
 @dataclass(frozen=True)

@@ -19,15 +19,18 @@ from cdobs_cli.chart import Exhibits
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.families.base import Family
-from cdobs_cli.families.fields import NonNegativeNumber, PositiveNumber, Rows, formula
+from cdobs_cli.fields import NonNegativeNumber, PositiveNumber, Rows, formula
 
 if TYPE_CHECKING:
     from cdobs_cli.certificate import Check
-    from cdobs_cli.design import Design
+    from cdobs_cli.design import Confinement, Design
     from cdobs_cli.exact.numbers import ExactMatrix
     from cdobs_cli.hybrid import HybridInclusion, Observer
-    from cdobs_cli.plant import Plant
+    from cdobs_cli.plant import Box, Plant
     from cdobs_cli.run import Run, SimulationPlan
+
+
+_SCALARS = ("alpha", "a1", "a2", "a3")
 
 
 class Gain(BaseModel):
@@ -46,35 +49,6 @@ class UpdatedSampling(Family):
     """`observer: {family: updated_sampling, ..}`."""
 
     source: ClassVar[str] = "Andrieu2014"
-    example: ClassVar[str] = """\
-spec_version: 1
-title: Pendulum on a shaken pivot, measured when the observer asks
-plant:
-  states: [theta, omega]
-  inputs:
-    g: {range: [0.5, 4]}             # acceleration of the pivot and gravity, known
-  A: [[0, 1], [0, 0]]                # a chain of integrators
-  phi: ["0", "g*sin(theta)"]
-  lipschitz: [[0, 0], [[-4, 4], 0]]  # lower triangular; an entry may be a number, [lo, hi] or auto
-measurement:
-  C: [[1, 0]]                        # the first state
-  sampling: {updated: true}          # the observer chooses its sampling instants
-observer:
-  family: updated_sampling
-  objective: max_period              # the longest guaranteed period; or given_alpha, with alpha: 0.5
-  method: theorem_2_prime            # or theorem_2: the constants of the paper
-  variant: triangular                # or last_row: slopes in the last row only, |phi_n| bounded by c |e|
-  # c: "1.01*g"                      # a bound of the slopes in terms of estimate and inputs; absent: derived
-  # gain: {K: [[-2], [-1]], alpha: 0.5, a1: 1, a2: 0.1, a3: 0.1}  # given: analyse this one; absent: find one
-simulation:
-  horizon: 10
-  initial_state: [1, 0]
-  initial_estimate: [0, 0]
-  signals: {g: "2 + 1.5*sin(t)"}
-expect:
-  - {quantity: verdict, equals: proved}
-  - {quantity: simulation.overall.error_final, at_most: 0.001}
-"""
 
     family: Literal["updated_sampling"] = "updated_sampling"
     objective: Literal["max_period", "given_alpha"] = "max_period"
@@ -88,6 +62,13 @@ expect:
         from cdobs_cli.families.updated_sampling.structure import problems
 
         return problems(self, plant)
+
+    def given(self) -> Mapping[str, ExactMatrix | None]:
+        from cdobs_cli.exact.numbers import ExactMatrix
+
+        typed = {"alpha": self.alpha} | ({name: getattr(self.gain, name) for name in _SCALARS} if self.gain else {})
+        letters = {name: None if (number := typed.get(name)) is None else ExactMatrix([[number]]) for name in _SCALARS}
+        return {"K": self.gain.K if self.gain else None, **letters}
 
     def synthesize(self, plant: Plant, effort: int) -> Design:
         from cdobs_cli.families.updated_sampling.synthesis import synthesize
@@ -109,6 +90,11 @@ expect:
         from cdobs_cli.families.updated_sampling.member import free_member
 
         return free_member(plant, gain)
+
+    def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:
+        from cdobs_cli.design import Confinement
+
+        return Confinement("cut")
 
     def exhibits(self, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
         from cdobs_cli.families.updated_sampling.exhibits import exhibits

@@ -45,7 +45,7 @@ def certify(family: UpdatedSampling, plant: Plant, design: Design, effort: int) 
     if numbers is None or numbers.K.shape != (plant.n, 1):
         return Check((_convergence("undecided", design.reason or "the stored gain does not fit the plant"),))
     premise = rate_claim(plant, rate, family.variant)
-    bounded = largest_is_proved(plant, rate)
+    bounded = largest_is_proved(plant, rate, family.variant, premise)
     claims = [premise, _bounded_claim(rate, bounded), _hurwitz_claim(numbers), _one_step_claim(plant, design, numbers, effort)]
     proved, by = False, None
     own = [certificate for certificate in design.certificates if certificate.method != constant_period.METHOD]
@@ -60,8 +60,7 @@ def certify(family: UpdatedSampling, plant: Plant, design: Design, effort: int) 
             proved, by = True, certificate.method
     if not own and claims[3].status != "refuted":
         claims.append(Claim(f"{family.method}.P", "certificate", "undecided", f"{_wanted(family.method)}: none was found.", SOURCE))
-    where = ", as long as the state of the plant stays in its domain" if plant.domain else ""
-    statement = f"x_hat - x tends to 0 for every plant of the class with this c, whatever L(0) >= 1{where}"
+    statement = "x_hat - x tends to 0 for every plant of the class with this c, whatever L(0) >= 1"
     if claims[3].status == "refuted":
         conclusion = _convergence("refuted", statement, witness=claims[3].witness, method="the member f = 0 with L = 1")
     elif proved and premise.status == "proved" and bounded:
@@ -247,7 +246,7 @@ def _paper_claims(certificate: Certificate, proof: PaperProof, w: int) -> list[C
 
 def _bounds(rate: Rate, numbers: Numbers, bounded: bool) -> dict[str, Bound]:
     """The guaranteed period for c <= largest, and what Lemma 1's own constants give."""
-    if rate.largest is None or not bounded:
+    if rate.largest is None or not bounded or not numbers.are_signed:
         return {}
     c = rate.largest.ball()
     proved, reached = guaranteed_period(numbers.timing, c)

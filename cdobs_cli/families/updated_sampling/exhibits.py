@@ -69,7 +69,7 @@ def _tables(check: Check | None) -> list[Table]:
         "guaranteed_period.lemma_1": "constants of Lemma 1",
         "guaranteed_period.constant": "constant period and gain, c known in advance",
     }
-    rows: list[tuple[Any, ...]] = [(names[key], bound.proved, bound.refuted) for key, bound in check.bounds.items() if key in names]
+    rows: list[tuple[Any, ...]] = [(names[key], bound) for key, bound in check.bounds.items() if key in names]
     caption = (
         "No sampling period is shorter while c stays below its bound. The last column is what the periods come down to for constant c."
     )

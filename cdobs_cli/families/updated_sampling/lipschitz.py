@@ -16,14 +16,14 @@ from typing import Literal
 
 from flint import arb
 
+from cdobs_cli.bounds.bounded import TRIAL, bounded, least_bound
+from cdobs_cli.bounds.ranges import range_of
+from cdobs_cli.bounds.region import Region
 from cdobs_cli.certificate import Claim, Status
-from cdobs_cli.certify.bounded import TRIAL, bounded, least_bound
-from cdobs_cli.certify.region import Region
 from cdobs_cli.exact.expression import ZERO, Expression, Number, Variable, call
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, upper_text
 from cdobs_cli.exact.parser import parse
-from cdobs_cli.exact.ranges import range_of
 from cdobs_cli.exact.rational import simplify
 from cdobs_cli.families.updated_sampling.separated import modulus_bound, separated
 from cdobs_cli.plant import Interval, Plant
@@ -53,22 +53,6 @@ def read_rate(document: Mapping[str, str | None], plant: Plant) -> Rate:
     largest = document["largest"]
     origin: Origin = "typed" if document["origin"] == "typed" else "derived" if document["origin"] == "derived" else "constant"
     return Rate(parse(str(document["c"]), names), None if largest is None else Exact(largest), origin)
-
-
-def saturated(plant: Plant, prefix: str) -> dict[str, Expression]:
-    """Each state of the estimate cut to the domain's box: x is there, so this only brings them closer."""
-    values: dict[str, Expression] = {}
-    for name in plant.states:
-        interval = plant.domain.box.get(name)
-        value: Expression = Variable(prefix + name)
-        if interval is not None and interval.lower is not None and interval.upper is not None:
-            value = call("sat", value, interval.lower.expression, interval.upper.expression)
-        elif interval is not None and interval.lower is not None:
-            value = call("max", value, interval.lower.expression)
-        elif interval is not None and interval.upper is not None:
-            value = call("min", value, interval.upper.expression)
-        values[name] = value
-    return values
 
 
 def magnitudes(plant: Plant) -> dict[tuple[int, int], Fraction] | None:
@@ -264,10 +248,14 @@ def _is_proved(plant: Plant, rate: Rate, variant: str) -> bool:
     return needed is not None and needed.rational is not None and stored is not None and needed.rational <= stored
 
 
-def largest_is_proved(plant: Plant, rate: Rate) -> bool:
-    """Whether c <= largest over the domain and the input ranges, anew."""
+def largest_is_proved(plant: Plant, rate: Rate, variant: str, premise: Claim) -> bool:
+    """Whether c <= largest over the domain and the input ranges, anew: by range where c was typed, to the letter
+    what the plant gives where it was derived or constant. `premise`: what `rate_claim` said."""
     if rate.largest is None:
         return False
-    if rate.origin != "typed":
-        return True
-    return _is_nonpositive(simplify(rate.c - rate.largest.expression), _region(plant, ""))
+    if rate.origin == "typed":
+        return _is_nonpositive(simplify(rate.c - rate.largest.expression), _region(plant, ""))
+    if rate.origin == "derived":
+        return premise.status == "proved"
+    values = magnitudes(plant)
+    return values is not None and rate.c == rate.largest.expression and constant_rate(variant, values).largest == rate.largest

@@ -6,7 +6,7 @@ from fractions import Fraction
 
 from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ONE, Expression, Number, Variable, power
-from cdobs_cli.families.updated_sampling.lipschitz import HAT, Rate, saturated
+from cdobs_cli.families.updated_sampling.lipschitz import HAT, Rate
 from cdobs_cli.hybrid import Observer
 from cdobs_cli.plant import Plant
 
@@ -26,7 +26,7 @@ def observer(plant: Plant, design: Design, rate: Rate) -> Observer:
     K = design.gain["K"]
     alpha, a_1, a_2, a_3 = (design.gain[name][0, 0].expression for name in ("alpha", "a1", "a2", "a3"))
     hat = tuple(HAT + name for name in plant.states)
-    inside = saturated(plant, HAT)
+    inside = plant.clipped(HAT)
     elapsed, gain_L, gain_M = Variable("elapsed"), Variable(L), Variable(M)
     innovation = plant.outputs(HAT)[0] - Variable("y.0")
     flow: list[Expression] = []

@@ -126,3 +126,23 @@ def test_monotone_in_the_injection():
     limits = [float(limit(exact([[1]], [[1]], [[1]], [[q]])).proved) for q in ("1.2", "1.4", "2", "4")]
     assert limits == sorted(limits, reverse=True)
     assert abs(limits[3] - log(4 / 3)) < 1e-7 and exp(1) > 2
+
+
+def test_the_first_column_to_fail_decides():
+    """Two outputs without coupling: limits 1 and 1/2; with a third that never fails."""
+    found = limit(
+        exact(
+            [[0, 0, 0], [0, 0, 0], [0, 0, 2]],
+            np.eye(3, dtype=int).tolist(),
+            np.eye(3, dtype=int).tolist(),
+            [[1, 0, 0], [0, 2, 0], [0, 0, 1]],
+        )
+    )
+    bracket_holds(found, 0.5)
+    assert found.column is not None and found.column % 3 == 1
+
+
+def test_an_entry_that_grows_with_another_may_fail_first():
+    """x2 grows at once and lifts x1 only late: x1 is not taken to grow for ever while it still falls."""
+    found = limit(exact([["0", "0.001"], ["0", "1"]], [[1, 0]], [[1, 0], [0, 1]], [["2"], ["0"]]))
+    bracket_holds(found, 0.5)

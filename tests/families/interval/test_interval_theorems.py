@@ -230,3 +230,16 @@ def test_feedback_matrices_agree_with_the_width_and_midpoint():
     difference, total = np.hstack([-np.eye(2), np.eye(2)]), np.vstack([np.eye(2), np.eye(2)])
     assert np.allclose(difference @ F, width_of(f) @ difference)
     assert np.allclose(F @ total, np.vstack([f.Q0 + f.Q1 + f.S @ B @ (low + up)] * 2))
+
+
+@pytest.mark.parametrize(
+    ("Mtot", "w_star"),
+    [([[1]], [[1]]), ([[-1, 0], [0, 1]], [[1], [-1]]), ([[-1, 0], [0, 1]], [[1], [0]]), ([[-1, 0], [0, 1]], [[1], [1]]), ([[-1]], [[-1]])],
+)
+def test_what_is_no_witness_of_a_hurwitz_matrix_proves_nothing(Mtot, w_star):
+    assert prove_hurwitz(Matrix.from_rows(Mtot), Matrix.from_rows(w_star)) is None
+
+
+def test_the_rate_of_a_witness_is_that_of_its_slowest_row():
+    assert prove_hurwitz(Matrix.from_rows([[-3, 0], [0, -2]]), Matrix.from_rows([[1], [1]])) == 2
+    assert prove_hurwitz(Matrix.from_rows([[-2, 0], [0, -3]]), Matrix.from_rows([[1], [1]])) == 2

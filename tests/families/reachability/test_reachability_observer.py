@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from reachability_plants import symmetric_chain
 
+from cdobs_cli.certificate import Check
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.exact.parser import parse
 from cdobs_cli.families.reachability import Reachability
@@ -39,6 +40,12 @@ def test_the_error_stays_under_the_proved_envelope_and_V_under_its_bound(n, T):
     measured, bound = charts["lyapunov"].panels[0].series
     assert np.all(np.asarray(measured.y)[: len(bound.y)] <= np.asarray(bound.y) * (1 + 1e-6) + 1e-16)
     assert "feasible_period" in charts
+    # What a stored certificate says of itself is not drawn.
+    nothing = {chart.name: chart for chart in family.exhibits(p, design, Check(()), run).charts}
+    assert "lyapunov" not in nothing
+    if n > 2:
+        names = [series.label for series in nothing["feasible_period"].panels[0].series]
+        assert "largest period of the set" not in names
 
 
 def test_the_jump_is_the_papers():

@@ -20,13 +20,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cdobs_cli.certify.region import Region
-from cdobs_cli.exact import boxes
-from cdobs_cli.exact.boxes import Array, Ends, Evaluator, Jet
+from cdobs_cli.bounds import boxes
+from cdobs_cli.bounds.boxes import Array, Ends, Evaluator, Jet
+from cdobs_cli.bounds.ranges import Range, range_of
+from cdobs_cli.bounds.region import Region
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact
-from cdobs_cli.exact.ranges import Range, range_of
 
 CHUNK, ROUND = 2048, 100
 PATIENCE = 8
@@ -85,17 +85,21 @@ class _Search:
             still = step.open
             decided = max(decided, float(np.max(np.where(still, -inf, step.upper), initial=-inf)))
             new = _split((X[0][still], X[1][still]), step.smear[still])
+            open_boxes = (
+                np.vstack([X[0][still], rest[0]]), np.vstack([X[1][still], rest[1]]), np.concatenate([step.upper[still], rest[2]])
+            )  # fmt: skip
             if new is None:
-                return self.left("undecided", X[0][still], X[1][still], step.upper[still], count, decided)
+                return self.left("undecided", *open_boxes, count, decided)
             if max(np.max(step.upper[still], initial=-inf), np.max(rest[2], initial=-inf)) <= self.near:
                 # Only boxes that touch c are left, and exact ends do not decide them: splitting seldom helps.
                 patience -= 1
-                if patience == 0:
-                    return self.left("undecided", X[0][still], X[1][still], step.upper[still], count, decided)
+                if patience == 0 and len(open_boxes[2]):
+                    return self.left("undecided", *open_boxes, count, decided)
             low, high = np.vstack([rest[0], new[0]]), np.vstack([rest[1], new[1]])
             upper = np.concatenate([rest[2], np.tile(step.upper[still], 2)])
         return Supremum("proved", min(decided, self.c_high), count)
 
+    # Every box that is not decided counts: the largest of their bounds is a bound of f.
     def left(self, status: Literal["undecided"], low: Array, high: Array, upper: Array, count: int, decided: float) -> Supremum:
         worst = int(np.argmax(upper))
         box = {name: (float(low[worst, j]), float(high[worst, j])) for j, name in enumerate(self.region.names)}

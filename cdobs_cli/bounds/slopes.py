@@ -9,16 +9,16 @@ from math import isfinite
 
 from flint import arb
 
+from cdobs_cli.bounds.bounded import FULL, Bounded, bounded, least_bound
+from cdobs_cli.bounds.definedness import Definedness, conditions, defined, defined_claim
+from cdobs_cli.bounds.invariance import domain_invariant
+from cdobs_cli.bounds.points import high_points, point_balls
+from cdobs_cli.bounds.ranges import Range, range_of
+from cdobs_cli.bounds.region import Region, point_text
 from cdobs_cli.certificate import Claim, Status, Witness
-from cdobs_cli.certify.bounded import FULL, Bounded, bounded, least_bound
-from cdobs_cli.certify.definedness import Definedness, conditions, defined, defined_claim
-from cdobs_cli.certify.invariance import domain_invariant
-from cdobs_cli.certify.points import high_points, point_balls
-from cdobs_cli.certify.region import Region, point_text
 from cdobs_cli.exact.expression import ONE, ZERO, Expression
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, fraction_text, lower_text, upper_text
-from cdobs_cli.exact.ranges import Range, range_of
 from cdobs_cli.exact.rational import simplify
 from cdobs_cli.plant import Plant
 
@@ -83,6 +83,18 @@ def resolve(plant: Plant) -> tuple[Plant, dict[str, tuple[str, str]]]:
             found[f"{i + 1}.{j + 1}"] = bounds
     missing = frozenset((i, j) for i, j in plant.slopes.auto if f"{i + 1}.{j + 1}" not in found)
     return replace(plant, slopes=replace(plant.slopes, auto=missing)) if missing else plant.with_slopes(found), found
+
+
+def unbounded_claims(plant: Plant) -> tuple[Claim, ...]:
+    """The premises of a plant with slopes left in `auto`: no bound was proved for them, and what would give one."""
+    region = Region.of(plant)
+    claims = []
+    for i, j in sorted(plant.slopes.auto):
+        slope = simplify(plant.phi[i].derivative(plant.states[j]))
+        free = [name for name in region.unbounded if name in slope.variables] or sorted(slope.variables)
+        statement = f"no bound of d phi_{i + 1}/d {plant.states[j]} = {slope} was proved; declare a smaller domain of {', '.join(free)}"
+        claims.append(Claim(f"slopes.{i + 1}.{j + 1}", "premise", "undecided", statement, SOURCE, required=True))
+    return tuple(claims)
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Literal
 
+from cdobs_cli.bounds.bounded import TRIAL, bounded, least_bound
+from cdobs_cli.bounds.points import high_points
+from cdobs_cli.bounds.ranges import Range, range_of
+from cdobs_cli.bounds.region import Region, point_text
 from cdobs_cli.certificate import Claim, Status, Witness
-from cdobs_cli.certify.bounded import TRIAL, bounded, least_bound
-from cdobs_cli.certify.points import high_points
-from cdobs_cli.certify.region import Region, point_text
 from cdobs_cli.exact.expression import Call, Expression, Power, call
 from cdobs_cli.exact.numbers import Exact
-from cdobs_cli.exact.ranges import Range, range_of
 
 Need = Literal["nonzero", "positive", "nonnegative"]
 _SIGNS: dict[Need, str] = {"nonzero": "!= 0", "positive": "> 0", "nonnegative": ">= 0"}
@@ -140,7 +140,7 @@ def bounded_away(g: Expression, region: Region) -> tuple[Status, Fraction | None
 
 
 def defined_claim(found: tuple[Definedness, ...], region: Region, what: str = "phi") -> Claim:
-    """The premise `defined`: every component has a value all over the domain."""
+    """The required premise `defined`: every component has a value all over the domain."""
     worst = next((one for s in ("refuted", "undecided") for one in found if one.status == s), Definedness("proved"))
     text = f"{what} is defined for {region.text()}"
     if worst.status == "refuted":
@@ -148,4 +148,7 @@ def defined_claim(found: tuple[Definedness, ...], region: Region, what: str = "p
     elif worst.status == "undecided":
         text += f": {worst.condition} could not be decided"
     witness = Witness("point", "plant", data={"point": point_text(worst.point)}) if worst.point else None
-    return Claim("defined", "premise", worst.status, text, "cdobs, the typed expression", method="branch and bound", witness=witness)
+    return Claim(
+        "defined", "premise", worst.status, text, "cdobs, the typed expression", required=True, method="branch and bound",
+        witness=witness,
+    )  # fmt: skip

@@ -8,14 +8,14 @@ from fractions import Fraction
 from math import ceil, inf, isfinite, log10
 from typing import Literal
 
-from cdobs_cli.certify.points import high_points, point_balls
-from cdobs_cli.certify.reduction import pieces
-from cdobs_cli.certify.region import Region
-from cdobs_cli.certify.supremum import ROUND, supremum
+from cdobs_cli.bounds.points import high_points, point_balls
+from cdobs_cli.bounds.ranges import Range, range_of
+from cdobs_cli.bounds.reduction import pieces
+from cdobs_cli.bounds.region import Region
+from cdobs_cli.bounds.supremum import ROUND, supremum
 from cdobs_cli.exact.expression import Call, Expression
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, fraction_text, upper_text
-from cdobs_cli.exact.ranges import Range, range_of
 
 # Work of one search: nodes of the expression times boxes.
 FULL = 6_000_000

@@ -1,4 +1,9 @@
-"""Do the states stay in the domain on which the slopes are proved?"""
+"""Does the plant stay in the domain on which the slopes are proved?
+
+A side is closed where the field points strictly inwards all over it, at least at some speed. Where the field may be
+tangent, Nagumo's condition needs solutions to be unique near the side, on both of its sides: there the field must be
+Lipschitz (x' = -sqrt(max(-x, 0)) is tangent at 0 and still leaves [0, 1]).
+"""
 
 from __future__ import annotations
 
@@ -6,16 +11,19 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
+from cdobs_cli.bounds.bounded import TRIAL, bounded
+from cdobs_cli.bounds.definedness import conditions, defined
+from cdobs_cli.bounds.points import high_points, point_balls
+from cdobs_cli.bounds.region import Region, point_text
 from cdobs_cli.certificate import Claim, Status, Witness
-from cdobs_cli.certify.bounded import TRIAL, bounded
-from cdobs_cli.certify.points import high_points, point_balls
-from cdobs_cli.certify.region import Region, point_text
 from cdobs_cli.exact.expression import ZERO, Expression, Number, Variable
 from cdobs_cli.exact.numbers import EXACT_ZERO
 from cdobs_cli.exact.rational import simplify
 from cdobs_cli.plant import Interval, Plant
 
 SOURCE = "Nagumo's condition on a convex set"
+# How far beyond the domain the field is looked at, in parts of each state's range (of 1 where it has no two ends).
+_BEYOND = (Fraction(1, 64), Fraction(1, 4096))
 
 
 @dataclass(frozen=True)
@@ -69,22 +77,52 @@ def _limits(interval: Interval | None, variable: Expression) -> tuple[Expression
 
 
 def domain_invariant(plant: Plant) -> Claim:
-    """No solution leaves the domain: on each of its sides the outward speed is at most 0.
+    """No solution of the plant leaves the domain: on each of its sides the outward speed is below 0, or at most 0
+    where the field is Lipschitz around the domain.
 
-    Not required: it is the condition under which slopes proved over the domain say something of solutions.
-    Refuted with a point of a side through which the solution leaves at once.
+    An assumption: slopes proved over the domain say something of solutions that stay there. Refuted with a point of a
+    side through which the solution leaves at once.
     """
-    status: Status = "proved"
-    open_sides, witness = [], None
+    open_sides: list[str] = []
+    tangent: list[str] = []
     for face in faces(plant):
         found = _leaving(face)
         if found is not None:
             witness = Witness("point", "plant", data={"point": point_text(found), "side": face.name})
             return _claim(plant, "refuted", f"solutions leave through {face.name}", witness)
-        if bounded(face.outward, face.region, EXACT_ZERO, TRIAL).status != "proved":
-            status = "undecided"
+        speed = bounded(face.outward, face.region, EXACT_ZERO, TRIAL)
+        if speed.status != "proved":
             open_sides.append(face.name)
-    return _claim(plant, status, f"the side {', '.join(open_sides)} is open" if open_sides else None, witness)
+        elif not speed.value < 0:
+            tangent.append(face.name)
+    if open_sides:
+        return _claim(plant, "undecided", f"the side {', '.join(open_sides)} is open")
+    if tangent and not _is_lipschitz_around(plant):
+        reason = f"the field is tangent at {', '.join(tangent)}, and no Lipschitz bound was found around the domain"
+        return _claim(plant, "undecided", reason)
+    return _claim(plant, "proved", None)
+
+
+def _is_lipschitz_around(plant: Plant) -> bool:
+    """Whether the field has locally bounded slopes on some neighbourhood of the domain: it and its derivatives, as
+    typed, are proved to be defined there (at kinks the Clarke gradient is)."""
+    f = plant.right_hand_side()
+    judged = dict.fromkeys([*f, *(one.derivative(name) for one in f for name in plant.states)])
+    smooth = [one for one in judged if any(True for _ in conditions(one))]
+    for part in _BEYOND if smooth else ():
+        region = Region.of(plant.widened({name: _room(plant, name) * part for name in plant.states}))
+        if all(defined(one, region).status == "proved" for one in smooth):
+            return True
+    return not smooth
+
+
+def _room(plant: Plant, name: str) -> Fraction:
+    """The width of a state's range; 1 where it has no two rational ends."""
+    interval = plant.domain.box.get(name, Interval(None, None))
+    ends = [end.rational if end is not None else None for end in (interval.lower, interval.upper)]
+    if ends[0] is None or ends[1] is None or ends[0] == ends[1]:
+        return Fraction(1)
+    return ends[1] - ends[0]
 
 
 def _leaving(face: Face) -> Mapping[str, Fraction] | None:
@@ -99,9 +137,9 @@ def _leaving(face: Face) -> Mapping[str, Fraction] | None:
     return None
 
 
-def _claim(plant: Plant, status: Status, reason: str | None, witness: Witness | None) -> Claim:
-    text = f"solutions that start in {Region.of(plant).text()} stay there (the slopes are proved there; the estimate must stay there too)"
+def _claim(plant: Plant, status: Status, reason: str | None, witness: Witness | None = None) -> Claim:
+    text = f"the plant stays in {plant.domain.text} once it is there, where the slopes are proved"
     return Claim(
-        "domain_invariant", "premise", status, text if reason is None else f"{text}: {reason}", SOURCE,
+        "domain_invariant", "assumption", status, text if reason is None else f"{text}: {reason}", SOURCE,
         method="branch and bound on every side", witness=witness,
     )  # fmt: skip

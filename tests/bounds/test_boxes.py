@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from flint import arb
 
-from cdobs_cli.exact.boxes import Evaluator
+from cdobs_cli.bounds.boxes import Evaluator
+from cdobs_cli.bounds.ranges import LINE, Range, range_of
 from cdobs_cli.exact.expression import Constant, ExpressionError, Number, Variable, call, power
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.parser import parse
-from cdobs_cli.exact.ranges import LINE, Range, range_of
 from cdobs_cli.exact.rational import is_zero, simplify
 
 NAMES = ("x", "y")

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 from math import inf
 
+from cdobs_cli.bounds.ranges import LINE, Range, range_of
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, fraction_text
-from cdobs_cli.exact.ranges import LINE, Range, range_of
 from cdobs_cli.plant import Interval, Plant
 
 

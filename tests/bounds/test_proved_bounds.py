@@ -5,9 +5,9 @@ from fractions import Fraction
 
 import numpy as np
 
-from cdobs_cli.certify.bounded import bounded
-from cdobs_cli.certify.region import Region
-from cdobs_cli.certify.slopes import automatic
+from cdobs_cli.bounds.bounded import bounded
+from cdobs_cli.bounds.region import Region
+from cdobs_cli.bounds.slopes import automatic
 from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.exact.expression import Number, Variable, call, power
 from cdobs_cli.exact.functions import fraction_ball

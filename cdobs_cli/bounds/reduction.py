@@ -14,10 +14,10 @@ from math import gcd, inf, lcm
 
 from flint import arb
 
-from cdobs_cli.certify.region import Region
+from cdobs_cli.bounds.ranges import Range, range_of
+from cdobs_cli.bounds.region import Region
 from cdobs_cli.exact.expression import ONE, ZERO, Call, Expression, Number, Power, Variable, call, power
 from cdobs_cli.exact.functions import fraction_ball
-from cdobs_cli.exact.ranges import Range, range_of
 from cdobs_cli.exact.rational import simplify
 
 MAX_KINKS = 5

@@ -1,0 +1,172 @@
+"""Does the estimate stay where the slopes hold?
+
+The error equation takes slopes on a convex set that holds x and x_hat. That the plant stays in its domain is proved or
+assumed (`invariance`); of the estimate it is shown, in one of these ways:
+
+    everywhere     the slopes hold all over R^n;
+    margin         they hold on the domain widened by m_j in each state, and |e_j| never passes m_j (`transients`);
+    continuation   the observer continues phi linearly outside the box (`Plant.continued`), which keeps its slopes;
+    cut            a family's own observer evaluates phi at the estimate cut to the box, and its theorem allows for it.
+
+Otherwise it is `open`, and nothing is proved of the observer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from fractions import Fraction
+from typing import Any, Literal
+
+from flint import arb
+
+from cdobs_cli.bounds.definedness import conditions, defined
+from cdobs_cli.bounds.ranges import range_of
+from cdobs_cli.bounds.region import Region
+from cdobs_cli.bounds.slopes import decide
+from cdobs_cli.certificate import Claim, Status
+from cdobs_cli.design import Confinement
+from cdobs_cli.exact.expression import ZERO
+from cdobs_cli.exact.numbers import Exact, upper_text
+from cdobs_cli.plant import Box, Domain, Interval, Plant
+
+Saturate = Literal["auto"] | bool
+# From a box of x_hat(0) - x(0) to upper ends of |e_j(t)| for all t after the first sample, infinite where unknown.
+Transient = Callable[[Box], tuple[arb, ...]]
+SOURCE = "cdobs, the estimate and the domain"
+# A margin is a little more than the transient that it has to hold.
+_ROOM = Fraction(1001, 1000)
+# Margins tried where no initial error is typed: parts of the domain's width.
+_PARTS = tuple(Fraction(1, 4**k) for k in range(1, 7))
+
+
+def confine(plant: Plant, saturate: Saturate, transients: Sequence[Transient], start: Box | None) -> Confinement:
+    """The way that is taken for this design: everywhere, else (auto) the margin for the typed initial errors, the
+    continuation, the margin for a box of initial errors of its own. Loads no solver.
+
+    Args:
+        start: the initial errors that the spec types, None where it types none.
+    """
+    if not plant.domain or holds_everywhere(plant):
+        return Confinement("everywhere")
+    if saturate is not True and start is not None:
+        within = _margin_for(plant, transients, _symmetric(start))
+        if within is not None:
+            return within
+    if saturate is not False and (not plant.domain.where or _slopes_hold(plant.on_box)):
+        return Confinement("continuation")
+    return (_margin_of_its_own(plant, transients) if saturate is not True else None) or Confinement("open")
+
+
+def _symmetric(start: Box) -> Box:
+    """The smallest box of errors round 0 that holds these."""
+    sizes = []
+    for low, high in zip(start.lower, start.upper, strict=True):
+        below = -low if low.sign() == -1 else low
+        above = -high if high.sign() == -1 else high
+        sizes.append(above if (above - below).sign() == 1 else below)
+    return Box(tuple(-size for size in sizes), tuple(sizes))
+
+
+def holds_everywhere(plant: Plant) -> bool:
+    """Whether phi is defined and its slopes hold for every state: by the ranges of the functions alone."""
+    region = Region.of(replace(plant, domain=Domain()))
+    for i, phi in enumerate(plant.phi):
+        if set(plant.states) & phi.variables and any(True for _ in conditions(phi)):
+            return False
+        for j, name in enumerate(plant.states):
+            slope = phi.derivative(name)
+            if slope != ZERO and not _within(range_of(slope, region.box), plant.slopes.lower[i, j], plant.slopes.upper[i, j]):
+                return False
+    return True
+
+
+def _within(values: Any, low: Exact, high: Exact) -> bool:
+    if not values.is_finite:
+        return False
+    below, above = Exact(Fraction(values.lower)) - low, high - Exact(Fraction(values.upper))
+    return below.sign() in (0, 1) and above.sign() in (0, 1)
+
+
+def _slopes_hold(plant: Plant) -> bool:
+    """Whether phi is defined and its slopes are proved all over the domain."""
+    region = Region.of(plant)
+    for i, phi in enumerate(plant.phi):
+        if any(True for _ in conditions(phi)) and defined(phi, region).status != "proved":
+            return False
+        for j, name in enumerate(plant.states):
+            slope = phi.derivative(name)
+            if slope != ZERO and decide(slope, plant.slopes.lower[i, j], plant.slopes.upper[i, j], region).status != "proved":
+                return False
+    return True
+
+
+def _margin_for(plant: Plant, transients: Sequence[Transient], start: Box) -> Confinement | None:
+    """A margin that the transient from these initial errors does not pass, with slopes that hold there."""
+    for transient in transients:
+        bounds = transient(start)
+        if all(bound.is_finite() for bound in bounds):
+            margin = {
+                name: upper_text(bound * arb(_ROOM.numerator) / _ROOM.denominator, 6)
+                for name, bound in zip(plant.states, bounds, strict=True)
+            }
+            if _slopes_hold(_widened(plant, margin)):
+                ends = tuple((str(low), str(high)) for low, high in zip(start.lower, start.upper, strict=True))
+                return Confinement("margin", margin, ends)
+    return None
+
+
+def _margin_of_its_own(plant: Plant, transients: Sequence[Transient]) -> Confinement | None:
+    """A margin, and the cube of initial errors whose transient does not pass it."""
+    widths = [
+        float(ends.upper) - float(ends.lower)
+        for ends in (plant.domain.box.get(name, Interval(None, None)) for name in plant.states)
+        if ends.lower is not None and ends.upper is not None
+    ]
+    size = Fraction(f"{min([width for width in widths if width > 0], default=1.0):.3g}")
+    for part in _PARTS:
+        radius = Exact(size * part)
+        cube = Box((-radius,) * plant.n, (radius,) * plant.n)
+        within = _margin_for(plant, transients, cube)
+        if within is not None:
+            return within
+    return None
+
+
+def _widened(plant: Plant, margin: Mapping[str, str]) -> Plant:
+    return plant.widened({name: Exact(by) for name, by in margin.items()})
+
+
+def confinement_claim(plant: Plant, confinement: Confinement, transients: Sequence[Transient]) -> Claim:
+    """The premise `estimate`: what is stored of the way is proved anew."""
+    status, text = _judge(plant, confinement, transients)
+    return Claim("estimate", "premise", status, text, SOURCE, method=confinement.way)
+
+
+def _judge(plant: Plant, confinement: Confinement, transients: Sequence[Transient]) -> tuple[Status, str]:
+    domain = plant.domain.text
+    match confinement.way:
+        case "everywhere" if holds_everywhere(plant):
+            return "proved", "the slopes hold wherever the estimate goes"
+        case "continuation" if not plant.domain.where or _slopes_hold(plant.on_box):
+            return "proved", (
+                "outside the box of the domain the observer continues phi linearly, so the slopes hold wherever the estimate goes"
+            )
+        case "cut":
+            return "proved", "the observer evaluates phi at the estimate cut to the box of the domain"
+        case "margin" if _stays_within(plant, confinement, transients):
+            return "proved", (
+                f"the estimate stays within {confinement.margin_text} of the plant, and the slopes hold so far beyond {domain}"
+            )
+    return "undecided", f"it is not proved that the estimate stays in {domain}, where the slopes are"
+
+
+def _stays_within(plant: Plant, confinement: Confinement, transients: Sequence[Transient]) -> bool:
+    if set(confinement.margin) != set(plant.states) or len(confinement.start) != plant.n:
+        return False
+    margin = [Exact(confinement.margin[name]).ball() for name in plant.states]
+    start = confinement.initial_errors
+    kept = (
+        all(bound < m or (bound == 0 and m == 0) for bound, m in zip(transient(start), margin, strict=True)) for transient in transients
+    )
+    return any(kept) and _slopes_hold(_widened(plant, confinement.margin))

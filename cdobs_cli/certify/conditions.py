@@ -1,0 +1,86 @@
+"""Under what a convergence is claimed: what is said of it, and when it must be lowered."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from cdobs_cli.certificate import Bound, Claim
+from cdobs_cli.design import Confinement
+from cdobs_cli.exact.numbers import text_below
+from cdobs_cli.plant import Domain, Plant, SamplingLaw
+
+CONVERGENCE = "convergence"
+_PERIODS = ("period_max", "period_max_any_gain")
+
+
+def with_conditions(
+    claims: Sequence[Claim], plant: Plant, confinement: Confinement, domain: Domain, *, disturbed: bool
+) -> tuple[Claim, ...]:
+    """The claims with all conditions of `convergence` in its own sentence.
+
+    Where the estimate is not shown to stay where the slopes hold, a proof of convergence is none: undecided.
+
+    Args:
+        domain: in the states that the user typed.
+        disturbed: whether the family's convergence speaks of the declared disturbance and noise themselves.
+    """
+    by_id = {claim.id: claim for claim in claims}
+    stays, estimate = by_id.get("domain_invariant"), by_id.get("estimate")
+    told = []
+    for claim in claims:
+        if claim.id != CONVERGENCE:
+            told.append(claim)
+            continue
+        conditions = []
+        if not disturbed and (plant.disturbance is not None or plant.noise is not None):
+            conditions.append(f"without {_unknown(plant)}")
+        if domain and confinement.way != "everywhere" and (stays is None or stays.status != "proved"):
+            conditions.append(f"while the plant stays in {domain.text}")
+        if confinement.way == "margin":
+            conditions.append(f"for initial errors {confinement.start_text}")
+        statement = ", ".join([claim.statement.rstrip("."), *conditions])
+        if claim.status == "proved" and estimate is not None and estimate.status != "proved":
+            claim = replace(claim, status="undecided", margin=None, by=None)
+            statement = f"{statement}: {estimate.statement}"
+        if claim.status == "refuted":
+            claim, statement = _refuted(claim, plant, statement)
+        if not disturbed and claim.status == "proved" and (plant.disturbance is not None or plant.noise is not None):
+            statement += f"; no bound of the error under the declared {_unknown(plant)} is proved"
+        told.append(replace(claim, statement=f"{statement}."))
+    return tuple(told)
+
+
+def confined_bounds(bounds: Mapping[str, Bound], law: SamplingLaw, confinement: Confinement) -> dict[str, Bound]:
+    """The bounds that are proved of the observer, not only of its slope class.
+
+    An estimate that may leave the slopes proves none of the periods and rates; a margin holds for the law it was shown
+    for, so that periods beyond it are not proved.
+    """
+    if confinement.way not in ("open", "margin"):
+        return dict(bounds)
+    kept = {}
+    for name, bound in bounds.items():
+        head, _, method = name.partition(".")
+        if confinement.way == "margin" and head in _PERIODS and not method and bound.proved is not None:
+            bound = replace(bound, proved=min(bound.proved, text_below(law.T_max), key=float))
+        elif head in _PERIODS or (head == "decay_rate" and confinement.way == "open"):
+            bound = replace(bound, proved=None)
+        if bound.proved is not None or bound.refuted is not None:
+            kept[name] = bound
+    return kept
+
+
+def _unknown(plant: Plant) -> str:
+    names = ("disturbance",) if plant.disturbance is not None else ()
+    return " and ".join((*names, "noise") if plant.noise is not None else names)
+
+
+def _refuted(claim: Claim, plant: Plant, statement: str) -> tuple[Claim, str]:
+    """What the counterexample is about: a class of one member is the plant itself."""
+    witness = claim.witness
+    if witness is None:
+        return claim, statement
+    if not plant.slopes.uncertain or witness.about == "plant":
+        return replace(claim, witness=replace(witness, about="plant")), f"{statement}: refuted for the plant as typed"
+    return claim, f"{statement}: refuted for the class, some plant with these slopes defeats it; the plant as typed may still converge"

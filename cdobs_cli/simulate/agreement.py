@@ -1,0 +1,67 @@
+"""Whether the figures of a stored run are those of its trajectories, as far as these show them."""
+
+from __future__ import annotations
+
+from math import isclose
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cdobs_cli.hybrid import HybridSystem
+from cdobs_cli.run import Run, RunSummary, Trajectory
+from cdobs_cli.simulate.loop import View
+from cdobs_cli.simulate.summary import overall, summary
+from cdobs_cli.simulate.watch import DIVERGED, distance, outside_domain
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_ROUNDING = 1e-9
+
+
+def agrees(run: Run, system: HybridSystem) -> bool:
+    """Whether every run is one of this plant and observer, and its summary does not say better of it than its
+    trajectory shows: measurements, periods, errors anew; divergence, leaving the domain and the margin of the
+    inclusion at least as bad as on the grid (the integrator has looked at more points than are kept)."""
+    pairs = zip(run.trajectories, run.summaries, strict=True)
+    return overall(run.summaries) == run.overall and all(_is_of(one, system) and _agrees(one, system, told) for one, told in pairs)
+
+
+def _is_of(one: Trajectory, system: HybridSystem) -> bool:
+    plant, observer = system.plant, system.observer
+    inputs = {source.name for source in plant.inputs}
+    return (
+        one.x.shape[1] == plant.n
+        and one.y_k.shape[1] == plant.p
+        and one.estimates.keys() == observer.estimates.keys()
+        and one.internals.keys() == observer.internals.keys()
+        and inputs <= one.inputs.keys()
+    )
+
+
+def _agrees(one: Trajectory, system: HybridSystem, told: RunSummary) -> bool:
+    with np.errstate(all="ignore"):
+        nothing: NDArray[np.float64] = np.empty((0, len(one.t)))
+        seen = View(one.x.T, {name: rows.T for name, rows in one.estimates.items()}, {}, {}, nothing, nothing)
+        flags = {"diverged": told.diverged, "left_domain": told.left_domain}
+        shown = summary(system.plant.states, one, seen, told.inclusion_margin, **flags)
+        if not (shown.document().keys() == told.document().keys() and _are_close(shown, told)):
+            return False
+        error = distance(seen)
+        diverges = error is not None and bool(np.any(error > DIVERGED * (1.0 + error[0]) * (1.0 + _ROUNDING)))
+        leaves = bool(outside_domain(system, seen).any())
+        if (diverges and not told.diverged) or (leaves and not told.left_domain):
+            return False
+        if told.diverged and one.stopped is None:
+            return False
+        if not seen.encloses:
+            return told.inclusion_margin is None
+        return told.inclusion_margin is not None and told.inclusion_margin <= max(float(seen.margin.min()), 0.0)
+
+
+def _are_close(shown: RunSummary, told: RunSummary) -> bool:
+    numbers = [(getattr(shown, name), getattr(told, name)) for name in ("period_min", "period_max", "error_final")]
+    numbers += [(shown.rmse.get(name), told.rmse.get(name)) for name in shown.rmse.keys() | told.rmse.keys()]
+    exact = (shown.measurements, shown.stopped) == (told.measurements, told.stopped)
+    # Sums may be taken in another order by another release of numpy.
+    return exact and all(a == b or (None not in (a, b) and isclose(a, b, rel_tol=_ROUNDING)) for a, b in numbers)

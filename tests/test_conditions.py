@@ -1,0 +1,110 @@
+"""What a verdict is claimed under stands in its sentence, and the run agrees with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from cdobs_cli.batch import Settings, run
+from cdobs_cli.outcome import Job, Result
+
+SPEC = """\
+spec_version: 1
+plant:
+  states: [x]
+  A: [[{A}]]
+  phi: ["{phi}"]
+  lipschitz: {slopes}
+  {more}
+measurement: {{C: [[1]], sampling: {{{law}}}{noise}}}
+observer: {{family: {family}, gain: {gain}{options}}}
+simulation:
+  horizon: 20
+  initial_state: [0.9]
+  initial_estimate: [0]
+  {signals}
+"""
+
+
+def result(folder: Path, **parts: str) -> Result:
+    filled = {"A": "0", "phi": "0", "slopes": "[[0]]", "more": "", "law": "period: 0.5", "noise": "", "family": "reachability",
+              "gain": "{K: [[0.9]]}", "options": "", "signals": ""} | parts  # fmt: skip
+    (folder / "s.yaml").write_text(SPEC.format(**filled))
+    return run(Job(folder / "s.yaml", folder / "out"), ("synthesize", "check", "simulate"), Settings(effort=0))
+
+
+def convergence(made: Result) -> dict[str, object]:
+    assert made.check is not None
+    return next(claim for claim in made.check["claims"] if claim["id"] == "convergence")
+
+
+@pytest.mark.parametrize("family", ["reachability", "lpv_zoh"])
+def test_declared_noise_is_in_the_sentence(tmp_path: Path, family: str) -> None:
+    made = result(
+        tmp_path, family=family, gain="{K: [[0.5]]}" if family == "reachability" else "{L: [[0.5]]}",
+        A="-1", more="disturbance: {lower: [-1], upper: [1]}", noise=", noise: {lower: [-1], upper: [1]}",
+        signals='signals: {d: ["1"], v: ["1"]}',
+    )  # fmt: skip
+    told = str(convergence(made)["statement"])
+    assert convergence(made)["status"] == "proved"
+    assert "without disturbance and noise" in told and "no bound of the error" in told
+    assert made.simulation is not None and made.simulation["overall"]["error_final"] > 0.1
+
+
+WILD = {"phi": "50*max(x - 1, 0)**2", "more": "domain: {x: [0, 1]}", "gain": "{K: [[1.9]]}"}
+
+
+def test_an_estimate_that_leaves_the_slopes_proves_nothing(tmp_path: Path) -> None:
+    """The jump sends x_hat from 0 to 1.71, where phi blows up."""
+    made = result(tmp_path, **WILD, options=", saturate: false")
+    assert made.check is not None and made.simulation is not None
+    assert made.check["verdict"] == "undecided"
+    assert made.check["bounds"].get("period_max", {}).get("proved") is None
+    assert made.simulation["overall"]["diverged"]
+
+
+@pytest.mark.parametrize("options", ["", ", saturate: true", ", saturate: auto"])
+def test_the_continued_observer_is_proved_and_run(tmp_path: Path, options: str) -> None:
+    made = result(tmp_path, **WILD, options=options)
+    assert made.check is not None and made.simulation is not None and made.design is not None
+    assert made.design["estimate"]["way"] == "continuation"
+    assert made.check["verdict"] == "proved"
+    assert not made.simulation["overall"]["diverged"]
+    assert made.simulation["overall"]["error_final"] < 0.9**40
+    assert not made.simulation["overall"]["left_domain"]
+
+
+def test_an_assumption_about_the_plant_is_named(tmp_path: Path) -> None:
+    """x' = -sqrt(max(-x, 0)): the plant may leave [0, 1], the slopes hold there."""
+    made = result(tmp_path, phi="-sqrt(max(-x, 0))", more="domain: {x: [0, 1]}")
+    assert made.check is not None
+    claim = next(claim for claim in made.check["claims"] if claim["id"] == "domain_invariant")
+    assert (claim["kind"], claim["status"], claim["required"]) == ("assumption", "undecided", False)
+    assert "while the plant stays in x in [0, 1]" in str(convergence(made)["statement"])
+    assert made.check["verdict"] == "proved"
+
+
+def test_an_undefined_phi_is_never_proved(tmp_path: Path) -> None:
+    made = result(tmp_path, phi="1/u", more="inputs: {u: {range: [-1, 1]}}", signals='signals: {u: "1"}')
+    assert made.check is not None
+    assert made.check["verdict"] == "refuted"
+    assert next(claim for claim in made.check["claims"] if claim["id"] == "defined")["required"]
+
+
+def test_a_refutation_says_what_it_is_about(tmp_path: Path) -> None:
+    linear = convergence(result(tmp_path, A="1", gain="{K: [[0.1]]}"))
+    assert linear["status"] == "refuted" and "the plant as typed" in str(linear["statement"])
+    assert linear["witness"]["class"] == "plant"  # type: ignore[index]
+    (tmp_path / "b").mkdir()
+    slopes = convergence(result(tmp_path / "b", phi="sin(x)", slopes="[[1]]", gain="{K: [[0.1]]}"))
+    assert slopes["status"] == "refuted" and "may still converge" in str(slopes["statement"])
+    assert slopes["witness"]["class"] == "class"  # type: ignore[index]
+
+
+def test_slopes_without_a_bound_are_told_at_their_line(tmp_path: Path) -> None:
+    made = result(tmp_path, phi="x**2", slopes="auto", gain="{K: [[0.5]]}")
+    assert made.status == "finding"
+    message = next(message for message in made.messages if message.rule == "slopes.1.1")
+    assert message.line == 6
+    assert "no bound of d phi_1/d x = 2 * x was proved; declare a smaller domain of x" in message.text
