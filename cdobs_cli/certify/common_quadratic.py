@@ -32,7 +32,7 @@ from cdobs_cli.certify.sampled_error import SampledError, sampled_error
 from cdobs_cli.certify.symmetric_power import dimension, monomials, power
 from cdobs_cli.certify.taylor import ORDER, Taylor, bernstein_weights, entries, exponential
 from cdobs_cli.exact.matrix import Matrix
-from cdobs_cli.exact.numbers import arb_fraction, decimal_text, fraction_text
+from cdobs_cli.exact.numbers import Exact, arb_fraction, decimal_text, fraction_text
 from cdobs_cli.hybrid import HybridInclusion
 from cdobs_cli.sampling import SamplingLaw
 
@@ -65,12 +65,12 @@ def fall(P: Any, M: Any) -> Any:
 def prove(inclusion: HybridInclusion, certificate: Certificate) -> bool:
     """Whether the stored P proves convergence at its rate under the certificate's own law. No solver.
 
-    Raises: KeyError, TypeError, ValueError, IndexError, ZeroDivisionError on data that nobody wrote.
+    Raises: KeyError, TypeError, ValueError, IndexError, ZeroDivisionError, ExpressionError on data that nobody wrote.
     """
     law, data = certificate.sampling, certificate.data
     if inclusion.entries or law.is_periodic or not law.is_bounded:
         return False
-    sigma, degree = Fraction(data["sigma"]), int(data["degree"])
+    sigma, degree = rational(data["sigma"]), int(data["degree"])
     low, high = law_ends(law)
     error = sampled_error(inclusion.balls, law.from_zero)
     if sigma < 0 or not 1 <= degree <= max(_DEGREES) or not low < high or error is None or error.size == 0:
@@ -179,10 +179,18 @@ def law_ends(law: SamplingLaw) -> tuple[Fraction, Fraction]:
     return low, arb_fraction(law.T_max.ball().upper()) if high is None else high
 
 
+def rational(text: str) -> Fraction:
+    """Raises: ExpressionError, ValueError on what is no rational, or one beyond all bounds."""
+    value = Exact(text).rational
+    if value is None:
+        raise ValueError("a certificate holds rationals")
+    return value
+
+
 def _symmetric(rows: list[list[str]]) -> Matrix:
     """The symmetric matrix with this upper triangle, each row from the diagonal on."""
     size = len(rows)
-    return Matrix.from_rows([[Fraction(rows[min(i, j)][abs(i - j)]) for j in range(size)] for i in range(size)])
+    return Matrix.from_rows([[rational(rows[min(i, j)][abs(i - j)]) for j in range(size)] for i in range(size)])
 
 
 def _rounding_basis(P: Matrix, first: list[int], lost: list[int]) -> Matrix:

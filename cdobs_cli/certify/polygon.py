@@ -18,7 +18,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify.common_quadratic import applies, covered, law_ends
+from cdobs_cli.certify.common_quadratic import applies, covered, law_ends, rational
 from cdobs_cli.certify.sampled_error import SampledError, sampled_error
 from cdobs_cli.certify.taylor import ORDER, bernstein_weights, exponential
 from cdobs_cli.exact.matrix import Matrix
@@ -44,17 +44,17 @@ _FINE = 8  # times as many periods for the last look
 def prove(inclusion: HybridInclusion, certificate: Certificate) -> bool:
     """Whether the stored polygon proves convergence at its rate under the certificate's own law. No solver.
 
-    Raises: KeyError, TypeError, ValueError, IndexError, ZeroDivisionError on data that nobody wrote.
+    Raises: KeyError, TypeError, ValueError, IndexError, ZeroDivisionError, ExpressionError on data that nobody wrote.
     """
     law, data = certificate.sampling, certificate.data
     if inclusion.entries or law.is_periodic or not law.is_bounded:
         return False
-    sigma = Fraction(data["sigma"])
+    sigma = rational(data["sigma"])
     low, high = law_ends(law)
     error = sampled_error(inclusion.balls, law.from_zero)
     if sigma < 0 or not low < high or error is None or error.size != 2 or not 2 <= len(data["vertices"]) <= _MOST:
         return False
-    half = [(Fraction(x), Fraction(y)) for x, y in data["vertices"]]
+    half = [(rational(x), rational(y)) for x, y in data["vertices"]]
     sides = _sides(half)
     if sides is None:
         return False

@@ -145,11 +145,11 @@ def _direction(witness: Witness, size: int) -> Array:
     Raises:
         UsageError: it cannot be read, or is of another plant.
     """
-    from fractions import Fraction
+    from cdobs_cli.exact.numbers import Exact
 
     try:
-        entries = [float(Fraction(text)) for text in witness.data["direction"]]
-    except (TypeError, ValueError, ZeroDivisionError) as error:
+        entries = [float(Exact(text)) for text in witness.data["direction"]]
+    except (TypeError, ValueError, ZeroDivisionError, OverflowError, ExpressionError) as error:
         raise UsageError(f"a witness that cannot be read: {error}") from error
     length = float(np.linalg.norm(entries))
     if not 0 < length < np.inf or len(entries) > size:

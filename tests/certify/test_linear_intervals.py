@@ -122,6 +122,7 @@ def test_a_certificate_speaks_for_its_own_loop_law_and_rate_only():
 
         law = inclusion.sampling
         assert not proved(law=replace(law, T_max=Exact("100")))
+        assert not proved(sigma="1e999999999") and not proved(P=[["1e999999999"]], vertices=[["1e999999999", "0"], ["0", "1"]])
         assert not proved(sigma="30") and not proved(sigma="-1") and not proved(sigma="x")
         assert not proved(law=replace(law, T_min=Exact("-1")))
         if certificate.method == common_quadratic.METHOD:
