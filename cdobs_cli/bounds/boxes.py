@@ -18,14 +18,16 @@ import numpy as np
 from flint import arb
 from numpy.typing import NDArray
 
-from cdobs_cli.exact.expression import MINUS_ONE, Call, Expression, Power, Variable
-from cdobs_cli.exact.functions import exact_ball, fraction_ball, power_ball
-from cdobs_cli.exact.language import LANGUAGE, Cornered, Function, Kink, Monotone, Periodic
+from cdobs_cli.exact.expression import MINUS_ONE, Call, Expression, Number, Power, Variable
+from cdobs_cli.exact.functions import exact_ball, fraction_ball, point_ball, power_ball
+from cdobs_cli.exact.language import LANGUAGE, Function
 from cdobs_cli.exact.precision import precision
+from cdobs_cli.exact.shapes import Cornered, Kink, Monotone, Periodic
 
 Array = NDArray[np.float64]
 Ends = tuple[Array, Array]
 _BITS = 80
+_LINE = (-inf, inf)
 
 
 def _down(x: Array) -> Array:
@@ -146,16 +148,18 @@ def outside(value: arb) -> tuple[float, float]:
 def _each(function: Callable[..., arb], *columns: Array) -> Ends:
     """Outward floats of a function at each point."""
     with precision(_BITS):
-        ends = [outside(function(*map(arb, point))) for point in zip(*(column.tolist() for column in columns), strict=True)]
+        points = zip(*(column.tolist() for column in columns), strict=True)
+        ends = [outside(function(*map(arb, point))) for point in points]
     low, high = np.array(ends).reshape(-1, 2).T
     return low, high
 
 
-def _points(function: Callable[[arb], arb], x: Array, limits: Sequence[tuple[float, float]] = ((-inf, inf), (-inf, inf))) -> Ends:
+def _points(function: Callable[[arb], arb], x: Array, limits: Sequence[tuple[float, float]] = (_LINE, _LINE)) -> Ends:
     """The same where points come twice or lie at -inf and inf, where `limits` hold the values."""
     distinct, back = np.unique(x, return_inverse=True)
     with precision(_BITS):
-        ends = np.array([limits[at > 0] if isinf(at) else outside(function(arb(at))) for at in distinct.tolist()]).reshape(-1, 2)
+        ends = np.array([limits[at > 0] if isinf(at) else outside(function(arb(at))) for at in distinct.tolist()])
+    ends = ends.reshape(-1, 2)
     return ends[back, 0], ends[back, 1]
 
 
@@ -170,8 +174,7 @@ def _nearest(function: Callable[[Array], Array]) -> Callable[[Array], Ends]:
 
 
 def _monotone(function: Function, shape: Monotone) -> Callable[[Ends], Ends]:
-    assert function.ball is not None
-    ball = function.ball
+    ball = point_ball(function)
     limits = [(value, value) if isinstance(value, float) else outside(value.ball({})) for value in shape.image]
     rises = limits[0] < limits[1]
     (floor, _), (_, ceiling) = limits if rises else limits[::-1]
@@ -195,8 +198,7 @@ def _holds_turn(x: Ends, offset: Fraction, period: int) -> NDArray[np.bool_]:
 
 
 def _periodic(function: Function, shape: Periodic) -> Callable[[Ends], Ends]:
-    assert function.ball is not None
-    ball, bottom, top = function.ball, float(shape.bottom), float(shape.top)
+    ball, bottom, top = point_ball(function), float(shape.bottom), float(shape.top)
 
     def ends(x: Ends) -> Ends:
         far = ~((np.abs(x[0]) < 1e6) & (np.abs(x[1]) < 1e6))
@@ -212,7 +214,7 @@ def root(x: Ends, exponent: Fraction) -> Ends:
     """a ** exponent for a root, exponent > 0; the whole line where a < 0."""
     if exponent.denominator == 2:
         return whole(_VALUES["sqrt"](x), exponent.numerator)
-    at = [_points(lambda a: power_ball(a, exponent), end, ((-inf, inf), (inf, inf))) for end in x]
+    at = [_points(lambda a: power_ball(a, exponent), end, (_LINE, (inf, inf))) for end in x]
     inside = x[0] >= 0
     return np.where(inside, np.maximum(at[0][0], 0.0), -inf), np.where(inside, at[1][1], inf)
 
@@ -225,16 +227,14 @@ def rational_power(x: Ends, exponent: Fraction) -> Ends:
 
 
 def _cornered(function: Function, shape: Cornered) -> Callable[..., Ends]:
-    assert function.ball is not None
-    ball, slots = function.ball, function.slots
-    inside = shape.inside(*slots)
+    ball, slots, inside = point_ball(function), function.slots, shape.inside(*function.slots)
     limits = outside(shape.image[0].ball({}))[0], outside(shape.image[1].ball({}))[1]
 
     def ends(*arguments: Ends) -> Ends:
         defined = _through(inside, {slot: Jet(x) for slot, x in zip(slots, arguments, strict=True)}).value[0] > 0
         far = ~np.all(np.isfinite(np.stack([end for x in arguments for end in x])), axis=0)
-        corners = [_each(ball, *(np.where(far | ~defined, 1.0, end) for end in corner)) for corner in product(*arguments)]
-        low, high = reduce(hull, corners)
+        near = [tuple(np.where(defined & ~far, end, 1.0) for end in x) for x in arguments]
+        low, high = reduce(hull, (_each(ball, *corner) for corner in product(*near)))
         low, high = np.where(far, limits[0], low), np.where(far, limits[1], high)
         return np.where(defined, low, -inf), np.where(defined, high, inf)
 
@@ -250,8 +250,9 @@ def _sides(x: Ends) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
 def _chosen(condition: Ends, above: Ends, below: Ends) -> Ends:
     """Above or below, by the side; their hull where it is not known."""
     over, under = _sides(condition)
-    low, high = hull(above, below)
-    return np.where(over, above[0], np.where(under, below[0], low)), np.where(over, above[1], np.where(under, below[1], high))
+    both = hull(above, below)
+    low, high = (np.where(over, above[k], np.where(under, below[k], both[k])) for k in (0, 1))
+    return low, high
 
 
 def minimum(a: Ends, b: Ends) -> Ends:
@@ -377,21 +378,24 @@ def _smooth(function: Function) -> Callable[..., Jet]:
     def rule(*jets: Jet) -> Jet:
         value = _VALUES[function.name](*(jet.value for jet in jets))
         known = {own: Jet(value)} | {slot: Jet(jet.value) for slot, jet in zip(slots, jets, strict=True)}
-        parts = [(_through(partial, known).value, jet) for partial, jet in zip(partials, jets, strict=True) if jet.gradient]
-        if isinstance(function.shape, Cornered):
-            undefined = np.isinf(value[0])
-            parts = [((np.where(undefined, -inf, low), np.where(undefined, inf, high)), jet) for (low, high), jet in parts]
-        return Jet(value, _chain(parts))
+        pairs = [(partial, jet) for partial, jet in zip(partials, jets, strict=True) if jet.gradient]
+        return Jet(value, _chain([(_slope(_through(partial, known).value, value), jet) for partial, jet in pairs]))
+
+    def _slope(slope: Ends, value: Ends) -> Ends:
+        if not isinstance(function.shape, Cornered):
+            return slope
+        # Where the box meets a cut, no slope bounds what the value does.
+        return np.where(np.isinf(value[0]), -inf, slope[0]), np.where(np.isinf(value[1]), inf, slope[1])
 
     return rule
 
 
-def _jump(function: Function, shape: Kink) -> Callable[[Jet], Jet]:
+def _jump(above: Number, below: Number) -> Callable[[Jet], Jet]:
     """No bound of the gradient exists across a jump, whatever the argument's own gradient is."""
 
     def rule(x: Jet) -> Jet:
-        above, below = (_through(branch(*function.slots), {function.slots[0]: x}).value for branch in (shape.above, shape.below))
-        value = _chosen(x.value, above, below)
+        high, low = (np.full_like(x.value[0], float(side.value)) for side in (above, below))
+        value = _chosen(x.value, (high, high), (low, low))
         flat = value[0] == value[1]
         slope = (np.where(flat, 0.0, -inf), np.where(flat, 0.0, inf))
         return Jet(value, dict.fromkeys(x.gradient, slope))
@@ -432,8 +436,8 @@ def _made(function: Function) -> Callable[..., Jet]:
             _VALUES[function.name] = _periodic(function, shape)
         case Cornered() as shape:
             _VALUES[function.name] = _cornered(function, shape)
-        case Kink() as shape if function.jump is not None:
-            return _jump(function, shape)
+        case Kink() if function.jump is not None:
+            return _jump(*function.jump)
         case Kink() as shape if not function.partials:
             return _kink(function, shape)
     return _smooth(function)

@@ -17,10 +17,11 @@ from math import inf
 from flint import arb
 
 from cdobs_cli.exact.expression import Call, Expression, Number, Power, Variable
-from cdobs_cli.exact.functions import exact_ball, fraction_ball, power_ball
-from cdobs_cli.exact.language import LANGUAGE, Cornered, End, Function, Monotone, Periodic
+from cdobs_cli.exact.functions import exact_ball, fraction_ball, point_ball, power_ball
+from cdobs_cli.exact.language import LANGUAGE, Function
 from cdobs_cli.exact.numbers import clipped
 from cdobs_cli.exact.rational import simplify
+from cdobs_cli.exact.shapes import Cornered, End, Monotone, Periodic
 
 _MAX_BITS = 1200
 _KEPT_BITS = 400
@@ -122,13 +123,16 @@ def _clip(value: Range, limits: Range) -> Range:
 
 def _at(function: Function, end: Fraction) -> Range:
     """Its value at a rational point; the whole line where it has none."""
-    assert function.ball is not None
     known = function.folded((end,))
-    return Range.of_ball(function.ball(fraction_ball(end))) if known is None else Range.point(known)
+    return Range.of_ball(point_ball(function)(fraction_ball(end))) if known is None else Range.point(known)
+
+
+def _limit(value: Expression | float) -> Range:
+    return Range(value, value) if isinstance(value, float) else Range.of_ball(value.ball({}))
 
 
 def _monotone(function: Function, shape: Monotone) -> Callable[[Range], Range]:
-    limits = [Range(value, value) if isinstance(value, float) else Range.of_ball(value.ball({})) for value in shape.image]
+    limits = [_limit(value) for value in shape.image]
     image = limits[0].hull(limits[1])
     rises = limits[0].lower < limits[1].lower
 
@@ -161,25 +165,23 @@ def _periodic(function: Function, shape: Periodic) -> Callable[[Range], Range]:
 
 def _may_hold(x: Range, offset: Fraction, period: int) -> bool:
     """Whether (offset + k period) pi may lie in x for some integer k."""
-    first, last = (
-        (fraction_ball(Fraction(end)) / arb.pi() - fraction_ball(offset)) / period for end in (x.lower, x.upper)
-    )  # fmt: skip
+    ends = (fraction_ball(Fraction(end)) / arb.pi() for end in (x.lower, x.upper))
+    first, last = ((end - fraction_ball(offset)) / period for end in ends)
     return not first.lower().ceil().upper() > last.upper().floor().lower()
 
 
 def _cornered(function: Function, shape: Cornered) -> Callable[..., Range]:
     inside = shape.inside(*function.slots)
     names = [str(slot) for slot in function.slots]
-    image = Range.of_ball(shape.image[0].ball({})).hull(Range.of_ball(shape.image[1].ball({})))
+    image = _limit(shape.image[0]).hull(_limit(shape.image[1]))
 
     def ends(*arguments: Range) -> Range:
         if not range_of(inside, dict(zip(names, arguments, strict=True))).lower > 0:
             return LINE
         if not all(x.is_finite for x in arguments):
             return image
-        assert function.ball is not None
-        corners = product(*((x.lower, x.upper) for x in arguments))
-        return reduce(Range.hull, (Range.of_ball(function.ball(*map(fraction_ball, map(Fraction, corner)))) for corner in corners))
+        corners = product(*((fraction_ball(Fraction(end)) for end in (x.lower, x.upper)) for x in arguments))
+        return reduce(Range.hull, (Range.of_ball(point_ball(function)(*corner)) for corner in corners))
 
     return ends
 

@@ -18,8 +18,9 @@ from cdobs_cli.bounds.ranges import Range, range_of
 from cdobs_cli.bounds.region import Region
 from cdobs_cli.exact.expression import ONE, ZERO, Call, Expression, Number, Power, Variable, call, power
 from cdobs_cli.exact.functions import fraction_ball
-from cdobs_cli.exact.language import LANGUAGE, Kink, Periodic
+from cdobs_cli.exact.language import LANGUAGE
 from cdobs_cli.exact.rational import simplify
+from cdobs_cli.exact.shapes import Kink, Periodic
 
 MAX_KINKS = 5
 MAX_TAILS = 3

@@ -17,12 +17,11 @@ from cdobs_cli.exact.language import LANGUAGE
 def _table(*, arrays: bool) -> dict[str, Any]:
     """The functions that code may call: of floats, or numpy's."""
     if not arrays:
-        return {function.name: function.scalar for function in LANGUAGE.values() if function.scalar} | {"power": math.pow}
+        return {"power": math.pow} | {name: function.scalar for name, function in LANGUAGE.items() if function.scalar}
     import numpy as np
 
-    return {function.name: getattr(np, function.array or function.name) for function in LANGUAGE.values() if not function.code} | {
-        "power": np.power
-    }
+    called = {name: function.array or name for name, function in LANGUAGE.items() if not function.code}
+    return {name: getattr(np, theirs) for name, theirs in {"power": "power", **called}.items()}
 
 
 def _code(node: Expression, local: dict[Expression, str]) -> str:

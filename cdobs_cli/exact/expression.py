@@ -120,7 +120,8 @@ class Expression:
                     memo[node] = ONE if node.name == name else ZERO
                 elif isinstance(node, Power):
                     inner = memo[node.base]
-                    memo[node] = Number(node.exponent) * power(node.base, node.exponent - 1) * inner if inner != ZERO else ZERO
+                    below = power(node.base, node.exponent - 1) if inner != ZERO else ZERO
+                    memo[node] = Number(node.exponent) * below * inner
                 elif isinstance(node, Call):
                     memo[node] = LANGUAGE[node.function].derivative(node.children, slope)
                 else:
@@ -309,7 +310,9 @@ def call(function: str, *arguments: Expression) -> Expression:
     return Call(function, arguments)
 
 
-_ARITHMETIC: dict[str, Callable[[Expression, Expression], Expression]] = {"add": add, "multiply": multiply, "divide": divide}
+_ARITHMETIC: dict[str, Callable[[Expression, Expression], Expression]] = {
+    "add": add, "multiply": multiply, "divide": divide,
+}  # fmt: skip
 
 
 def typed_product(a: Expression, b: Expression) -> Expression:

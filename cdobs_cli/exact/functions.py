@@ -12,7 +12,8 @@ from flint import arb, fmpq
 
 import cdobs_cli.exact.precision  # noqa: F401 - sets the working precision
 from cdobs_cli.exact.expression import Constant, Expression, Number
-from cdobs_cli.exact.language import LANGUAGE, Cornered, Function, Monotone, Periodic
+from cdobs_cli.exact.language import LANGUAGE, Function
+from cdobs_cli.exact.shapes import Cornered, Monotone, Periodic
 
 Ball = Callable[..., arb]
 _EXACT_ROOTS = 64  # larger ones are taken through the logarithm
@@ -41,7 +42,7 @@ def power_ball(base: arb, exponent: Fraction) -> arb:
     if exponent < 0:
         return 1 / power_ball(base, -exponent)
     if exponent.denominator > 1:
-        return _root_power(base, exponent) if base.is_exact() else hull(_root_power(base.lower(), exponent), _root_power(base.upper(), exponent))
+        return _between(lambda x: _root_power(x, exponent), base, base.lower(), base.upper())
     count = exponent.numerator
     if count % 2 == 0:
         return hull(base.abs_lower() ** count, base.abs_upper() ** count)
@@ -57,15 +58,17 @@ def _root_power(base: arb, exponent: Fraction) -> arb:
     return (base.log() * fraction_ball(exponent)).exp()
 
 
-def _monotone(function: Ball, shape: Monotone) -> Ball:
+def _between(function: Ball, x: arb, low: arb, high: arb) -> arb:
     """Enclosure by the ends: far tighter than the midpoint rule on wide balls, and not finite outside the domain."""
+    if x.is_nan():
+        return x
+    return function(x) if x.is_exact() else hull(function(low), function(high))
 
-    def ball(x: arb) -> arb:
-        if x.is_nan() or x.is_exact():
-            return x if x.is_nan() else function(x)
-        return hull(function(x.abs_lower()), function(x.abs_upper())) if shape.even else hull(function(x.lower()), function(x.upper()))
 
-    return ball
+def _monotone(function: Ball, shape: Monotone) -> Ball:
+    if shape.even:
+        return lambda x: _between(function, x, x.abs_lower(), x.abs_upper())
+    return lambda x: _between(function, x, x.lower(), x.upper())
 
 
 def _periodic(function: Ball, shape: Periodic) -> Ball:
@@ -83,18 +86,20 @@ def _periodic(function: Ball, shape: Periodic) -> Ball:
 
 
 def _cornered(function: Function, shape: Cornered) -> Ball:
-    names = [str(slot) for slot in function.slots]
+    names, at_corner = [str(slot) for slot in function.slots], point_ball(function)
     inside = shape.inside(*function.slots)
 
     def ball(*arguments: arb) -> arb:
         if not inside.ball(dict(zip(names, arguments, strict=True))) > 0:
             return arb.nan()
-        return reduce(hull, (_point(function)(*corner) for corner in product(*((x.lower(), x.upper()) for x in arguments))))
+        corners = product(*((x.lower(), x.upper()) for x in arguments))
+        return reduce(hull, (at_corner(*corner) for corner in corners))
 
     return ball
 
 
-def _point(function: Function) -> Ball:
+def point_ball(function: Function) -> Ball:
+    """Its value at points."""
     assert function.ball is not None
     return function.ball
 
@@ -108,13 +113,13 @@ def _jump(above: Number, below: Number) -> Ball:
 def _ball(function: Function) -> Ball:
     match function.shape:
         case Monotone() as shape:
-            return _monotone(_point(function), shape)
+            return _monotone(point_ball(function), shape)
         case Periodic() as shape:
-            return _periodic(_point(function), shape)
+            return _periodic(point_ball(function), shape)
         case Cornered() as shape:
             return _cornered(function, shape)
     jump = function.jump
-    return _point(function) if jump is None else _jump(*jump)
+    return point_ball(function) if jump is None else _jump(*jump)
 
 
 BALL_FUNCTIONS: dict[str, Ball] = {name: _ball(function) for name, function in LANGUAGE.items()}

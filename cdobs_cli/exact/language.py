@@ -14,60 +14,24 @@ from fractions import Fraction
 from math import inf
 from typing import TYPE_CHECKING, Literal
 
-from cdobs_cli.exact.expression import MINUS_ONE, ONE, ZERO, Call, Constant, Expression, Number, Variable, call, power, typed_product
+from cdobs_cli.exact.expression import (
+    MINUS_ONE,
+    ONE,
+    ZERO,
+    Constant,
+    Expression,
+    Number,
+    Variable,
+    call,
+    power,
+    typed_product,
+)
+from cdobs_cli.exact.shapes import Cornered, Kink, Monotone, Periodic, Rule
 
 if TYPE_CHECKING:
     from flint import arb
 
-Rule = Callable[..., Expression]
 Need = Literal["nonzero", "positive", "nonnegative"]
-End = Fraction | float  # a float only where it is inf or -inf
-
-
-@dataclass(frozen=True)
-class Monotone:
-    """Strictly monotone and continuous from an interval onto another, undefined outside.
-
-    Args:
-        image: the values, or limits, at the two ends of the domain; a finite end with an infinite value does not
-            belong to the domain.
-        even: a function of |x|, monotone for x >= 0.
-    """
-
-    image: tuple[Expression | float, Expression | float]
-    domain: tuple[End, End] = (-inf, inf)
-    even: bool = False
-
-
-@dataclass(frozen=True)
-class Periodic:
-    """Monotone between turning points: `top` at (peak + k period) pi, `bottom` at (valley + k period) pi.
-
-    Where these are infinite the points are poles.
-    """
-
-    peak: Fraction
-    valley: Fraction
-    period: int = 2
-    top: End = Fraction(1)
-    bottom: End = Fraction(-1)
-
-
-@dataclass(frozen=True)
-class Cornered:
-    """Extreme at the corners of every box on which `inside` > 0; undefined elsewhere. All its values lie in `image`."""
-
-    inside: Rule
-    image: tuple[Expression, Expression]
-
-
-@dataclass(frozen=True)
-class Kink:
-    """`above` where `condition` >= 0, `below` where it is <= 0; two constants: it jumps."""
-
-    condition: Rule
-    above: Rule
-    below: Rule
 
 
 @dataclass(frozen=True)
@@ -75,33 +39,35 @@ class Function:
     """A function of the language, or an operation that trees are built from.
 
     Args:
+        typed: the numbers of arguments a spec may give it; `defaults` stand for those left out after the first.
         scalar: its value for floats; raises where it has none.
-        ball: its value for balls, of a monotone or cornered function only for points; None where it jumps.
+        array: numpy's name for it, where that is another.
+        code: how compiled code writes it, where that is no call.
+        ball: its value for balls, of a monotone or cornered function for points; None where it jumps.
         partials: the partial derivatives; none for a kink, which has those of its branches.
-        typed: the numbers of arguments a spec may give it; `defaults` are taken for those left out at the end.
-        values: where a rational number gives one.
-        rational: its value for rational numbers, where that is always one.
+        shape: what ranges and boxes are made from; None for arithmetic.
+        values: its rational values at integers that are known.
+        rational: its value for rational numbers, where that is always rational.
         needs: what must hold for it to be defined, where its shape does not say it.
         undoes: the name of g where f(g(x)) = x wherever g is defined.
         rounded: floats are correctly rounded.
-        array: numpy's name, where it is another; `code`: how compiled code writes it, where that is no call.
         typeset: its name on a page, with a backslash where LaTeX knows it; an index follows `_`.
     """
 
     name: str
-    scalar: Callable[..., float] | None
-    ball: Callable[..., arb] | None
+    typed: tuple[int, ...] = ()
+    defaults: tuple[Expression, ...] = ()
+    scalar: Callable[..., float] | None = None
+    array: str = ""
+    code: str = ""
+    ball: Callable[..., arb] | None = None
     partials: tuple[Rule, ...] = ()
     shape: Monotone | Periodic | Cornered | Kink | None = None
-    typed: tuple[int, ...] = (1,)
-    defaults: tuple[Expression, ...] = ()
     values: Mapping[int, int] | None = None
     rational: Callable[..., Fraction] | None = None
     needs: Callable[..., tuple[tuple[Expression, Need], ...]] | None = None
     undoes: str = ""
     rounded: bool = False
-    array: str = ""
-    code: str = ""
     typeset: str = ""
 
     @property
@@ -126,10 +92,6 @@ class Function:
     def is_slow(self) -> bool:
         """Whether boxes take it from balls, point by point."""
         return isinstance(self.shape, Monotone | Periodic | Cornered) and not self.rounded
-
-    def completed(self, arguments: Sequence[Expression]) -> tuple[Expression, ...]:
-        """The typed arguments, and the defaults of those left out."""
-        return (*arguments, *self.defaults)[: self.arity]
 
     def folded(self, arguments: Sequence[Fraction]) -> Fraction | None:
         """The rational value, where it is known to be one."""
@@ -162,153 +124,154 @@ class Function:
             case Cornered(inside):
                 yield inside(*arguments), "positive"
             case Monotone(image, (low, high), even=False):
-                need: tuple[Need, ...] = tuple("positive" if isinstance(value, float) else "nonnegative" for value in image)
+                (x,) = arguments
                 if isinstance(low, Fraction):
-                    yield arguments[0] - Number(low), need[0]
+                    yield x - Number(low), "positive" if isinstance(image[0], float) else "nonnegative"
                 if isinstance(high, Fraction):
-                    yield Number(high) - arguments[0], need[1]
-
-
-@dataclass(frozen=True)
-class Macro:
-    """A name for an expression that the language already has."""
-
-    typed: tuple[int, ...]
-    expand: Rule
+                    yield Number(high) - x, "positive" if isinstance(image[1], float) else "nonnegative"
 
 
 def _square(x: Expression) -> Expression:
     return power(x, Fraction(2))
 
 
-def _radius(y: Expression, x: Expression) -> Expression:
-    return _square(x) + _square(y)
-
-
-def _over_limit(x: Expression, low: Expression, high: Expression) -> Expression:
-    """Whether max(low, min(x, high)) is the inner one: with low <= high where x >= low."""
+def _inner_over(x: Expression, low: Expression, high: Expression) -> Expression:
+    """Where this is positive, sat(x, low, high) is min(x, high), else low."""
     if isinstance(low, Number) and isinstance(high, Number) and low.value <= high.value:
         return x - low
     return call("min", x, high) - low
 
 
-def _hull(low: arb, high: arb) -> arb:
-    return low.union(high)
+def _least(a: arb, b: arb) -> arb:
+    return a.lower().min(b.lower()).union(a.upper().min(b.upper()))
 
 
-_ORIGIN, _HALF = Fraction(0), Fraction(1, 2)
-_TWO, _TEN, _PI = Number(2), Number(10), Constant("pi")
-_RIGHT = _PI / _TWO  # a right angle
-_ZERO_AT_ZERO = {0: 0}
+def _largest(a: arb, b: arb) -> arb:
+    return a.lower().max(b.lower()).union(a.upper().max(b.upper()))
+
+
+_HALF = Fraction(1, 2)
+_PI, _RIGHT = Constant("pi"), Constant("pi") / Number(2)
+_UNIT, _POSITIVE = (Fraction(-1), Fraction(1)), (Fraction(0), inf)
 
 _FUNCTIONS = (
-    Function("add", None, lambda a, b: a + b, (lambda a, b: ONE, lambda a, b: ONE), typed=(), code="{} + {}"),
-    Function("multiply", None, lambda a, b: a * b, (lambda a, b: b, lambda a, b: a), typed=(), code="{} * {}"),
+    Function("add", ball=lambda a, b: a + b, partials=(lambda a, b: ONE, lambda a, b: ONE), code="{} + {}"),
+    Function("multiply", ball=lambda a, b: a * b, partials=(lambda a, b: b, lambda a, b: a), code="{} * {}"),
     Function(
-        "divide", None, lambda a, b: a / b, (lambda a, b: ONE / b, lambda a, b: -(a / _square(b))),
-        typed=(), needs=lambda a, b: ((b, "nonzero"),), code="{} / {}",
+        "divide", ball=lambda a, b: a / b, code="{} / {}",
+        partials=(lambda a, b: ONE / b, lambda a, b: -(a / _square(b))), needs=lambda a, b: ((b, "nonzero"),),
     ),
-    # Derivatives of kinks are made of the next two.
+    # Derivatives of kinks are made of these two.
     Function(
-        "sign", lambda x: 1.0 if x > 0 else -1.0 if x < 0 else 0.0, None, (lambda x: ZERO,), Kink(lambda x: x, lambda x: ONE, lambda x: MINUS_ONE),
-        typed=(), typeset="sgn",
-    ),
-    Function(
-        "step", None, None, (lambda x: ZERO,), Kink(lambda x: x, lambda x: ONE, lambda x: ZERO),
-        typed=(), code="0.5 * sign({}) + 0.5", typeset="step",
+        "sign", scalar=lambda x: 1.0 if x > 0 else -1.0 if x < 0 else 0.0, partials=(lambda x: ZERO,), typeset="sgn",
+        shape=Kink(lambda x: x, lambda x: ONE, lambda x: MINUS_ONE),
     ),
     Function(
-        "sin", math.sin, lambda x: x.sin(), (lambda x: call("cos", x),), Periodic(_HALF, -_HALF),
-        values=_ZERO_AT_ZERO, undoes="asin", typeset="\\sin",
+        "step", code="0.5 * sign({}) + 0.5", partials=(lambda x: ZERO,), typeset="step",
+        shape=Kink(lambda x: x, lambda x: ONE, lambda x: ZERO),
     ),
     Function(
-        "cos", math.cos, lambda x: x.cos(), (lambda x: -call("sin", x),), Periodic(_ORIGIN, Fraction(1)),
-        values={0: 1}, undoes="acos", typeset="\\cos",
+        "sin", typed=(1,), scalar=math.sin, ball=lambda x: x.sin(), partials=(lambda x: call("cos", x),),
+        shape=Periodic(peak=_HALF, valley=-_HALF), values={0: 0}, undoes="asin", typeset="\\sin",
     ),
     Function(
-        "tan", math.tan, lambda x: x.tan(), (lambda x: ONE + _square(call("tan", x)),), Periodic(_HALF, _HALF, 1, inf, -inf),
-        values=_ZERO_AT_ZERO, needs=lambda x: ((call("cos", x), "nonzero"),), undoes="atan", typeset="\\tan",
+        "cos", typed=(1,), scalar=math.cos, ball=lambda x: x.cos(), partials=(lambda x: -call("sin", x),),
+        shape=Periodic(peak=Fraction(0), valley=Fraction(1)), values={0: 1}, undoes="acos", typeset="\\cos",
     ),
     Function(
-        "asin", math.asin, lambda x: x.asin(), (lambda x: ONE / call("sqrt", ONE - _square(x)),),
-        Monotone((-_RIGHT, _RIGHT), (Fraction(-1), Fraction(1))), values=_ZERO_AT_ZERO, array="arcsin", typeset="\\arcsin",
+        "tan", typed=(1,), scalar=math.tan, ball=lambda x: x.tan(), partials=(lambda x: ONE + _square(call("tan", x)),),
+        shape=Periodic(peak=_HALF, valley=_HALF, period=1, top=inf, bottom=-inf), values={0: 0}, undoes="atan",
+        needs=lambda x: ((call("cos", x), "nonzero"),), typeset="\\tan",
     ),
     Function(
-        "acos", math.acos, lambda x: x.acos(), (lambda x: -(ONE / call("sqrt", ONE - _square(x))),),
-        Monotone((_PI, ZERO), (Fraction(-1), Fraction(1))), values={1: 0}, array="arccos", typeset="\\arccos",
+        "asin", typed=(1,), scalar=math.asin, ball=lambda x: x.asin(), array="arcsin", typeset="\\arcsin",
+        partials=(lambda x: ONE / call("sqrt", ONE - _square(x)),),
+        shape=Monotone((-_RIGHT, _RIGHT), _UNIT), values={0: 0},
     ),
     Function(
-        "atan", math.atan, lambda x: x.atan(), (lambda x: ONE / (ONE + _square(x)),), Monotone((-_RIGHT, _RIGHT)),
-        values=_ZERO_AT_ZERO, array="arctan", typeset="\\arctan",
-    ),
-    # The angle of (x, y), away from the cut x <= 0, y = 0. On an edge of a box it is monotone, so corners are extreme.
-    Function(
-        "atan2", math.atan2, lambda y, x: y.atan2(y, x), (lambda y, x: x / _radius(y, x), lambda y, x: -(y / _radius(y, x))),
-        Cornered(lambda y, x: call("max", x, call("abs", y)), (-_PI, _PI)), typed=(2,), array="arctan2", typeset="atan2",
+        "acos", typed=(1,), scalar=math.acos, ball=lambda x: x.acos(), array="arccos", typeset="\\arccos",
+        partials=(lambda x: -(ONE / call("sqrt", ONE - _square(x))),),
+        shape=Monotone((_PI, ZERO), _UNIT), values={1: 0},
     ),
     Function(
-        "tanh", math.tanh, lambda x: x.tanh(), (lambda x: ONE - _square(call("tanh", x)),), Monotone((MINUS_ONE, ONE)),
-        values=_ZERO_AT_ZERO, typeset="\\tanh",
+        "atan", typed=(1,), scalar=math.atan, ball=lambda x: x.atan(), array="arctan", typeset="\\arctan",
+        partials=(lambda x: ONE / (ONE + _square(x)),), shape=Monotone((-_RIGHT, _RIGHT)), values={0: 0},
+    ),
+    # The angle of the point (x, y). Along an edge of a box that does not meet the cut it is monotone.
+    Function(
+        "atan2", typed=(2,), scalar=math.atan2, ball=lambda y, x: y.atan2(y, x), array="arctan2", typeset="atan2",
+        partials=(lambda y, x: x / (_square(x) + _square(y)), lambda y, x: -(y / (_square(x) + _square(y)))),
+        shape=Cornered(lambda y, x: call("max", x, call("abs", y)), (-_PI, _PI)),
     ),
     Function(
-        "sinh", math.sinh, lambda x: x.sinh(), (lambda x: call("cosh", x),), Monotone((-inf, inf)),
-        values=_ZERO_AT_ZERO, typeset="\\sinh",
+        "tanh", typed=(1,), scalar=math.tanh, ball=lambda x: x.tanh(), typeset="\\tanh",
+        partials=(lambda x: ONE - _square(call("tanh", x)),), shape=Monotone((MINUS_ONE, ONE)), values={0: 0},
     ),
     Function(
-        "cosh", math.cosh, lambda x: x.cosh(), (lambda x: call("sinh", x),), Monotone((ONE, inf), (_ORIGIN, inf), even=True),
-        values={0: 1}, typeset="\\cosh",
+        "sinh", typed=(1,), scalar=math.sinh, ball=lambda x: x.sinh(), typeset="\\sinh",
+        partials=(lambda x: call("cosh", x),), shape=Monotone((-inf, inf)), values={0: 0},
     ),
     Function(
-        "exp", math.exp, lambda x: x.exp(), (lambda x: call("exp", x),), Monotone((ZERO, inf)),
-        values={0: 1}, undoes="log", typeset="\\exp",
+        "cosh", typed=(1,), scalar=math.cosh, ball=lambda x: x.cosh(), typeset="\\cosh",
+        partials=(lambda x: call("sinh", x),), shape=Monotone((ONE, inf), _POSITIVE, even=True), values={0: 1},
     ),
     Function(
-        "log", math.log, lambda x: x.log(), (lambda x: ONE / x,), Monotone((-inf, inf), (_ORIGIN, inf)),
-        values={1: 0}, undoes="exp", typeset="\\log",
+        "exp", typed=(1,), scalar=math.exp, ball=lambda x: x.exp(), typeset="\\exp",
+        partials=(lambda x: call("exp", x),), shape=Monotone((ZERO, inf)), values={0: 1}, undoes="log",
     ),
     Function(
-        "log10", math.log10, lambda x: x.log_base(10), (lambda x: ONE / (call("log", _TEN) * x),), Monotone((-inf, inf), (_ORIGIN, inf)),
-        values={1: 0, 10: 1}, typeset="\\log_10",
+        "log", typed=(1,), scalar=math.log, ball=lambda x: x.log(), typeset="\\log",
+        partials=(lambda x: ONE / x,), shape=Monotone((-inf, inf), _POSITIVE), values={1: 0}, undoes="exp",
     ),
     Function(
-        "sqrt", math.sqrt, lambda x: x.sqrt(), (lambda x: ONE / (_TWO * call("sqrt", x)),), Monotone((ZERO, inf), (_ORIGIN, inf)),
-        values={0: 0, 1: 1}, rounded=True,
+        "log10", typed=(1,), scalar=math.log10, ball=lambda x: x.log_base(10), typeset="\\log_10",
+        partials=(lambda x: ONE / (call("log", Number(10)) * x),),
+        shape=Monotone((-inf, inf), _POSITIVE), values={1: 0, 10: 1},
     ),
     Function(
-        "abs", abs, lambda x: _hull(x.abs_lower(), x.abs_upper()), (lambda x: call("sign", x),), Kink(lambda x: x, lambda x: x, lambda x: -x),
-        rational=abs,
+        "sqrt", typed=(1,), scalar=math.sqrt, ball=lambda x: x.sqrt(), rounded=True,
+        partials=(lambda x: ONE / (Number(2) * call("sqrt", x)),),
+        shape=Monotone((ZERO, inf), _POSITIVE), values={0: 0, 1: 1},
     ),
     Function(
-        "min", min, lambda a, b: _hull(a.lower().min(b.lower()), a.upper().min(b.upper())),
-        shape=Kink(lambda a, b: b - a, lambda a, b: a, lambda a, b: b), typed=(2,), rational=min, array="minimum", typeset="\\min",
+        "abs", typed=(1,), scalar=abs, ball=lambda x: x.abs_lower().union(x.abs_upper()), rational=abs,
+        partials=(lambda x: call("sign", x),), shape=Kink(lambda x: x, lambda x: x, lambda x: -x),
     ),
     Function(
-        "max", max, lambda a, b: _hull(a.lower().max(b.lower()), a.upper().max(b.upper())),
-        shape=Kink(lambda a, b: a - b, lambda a, b: a, lambda a, b: b), typed=(2,), rational=max, array="maximum", typeset="\\max",
+        "min", typed=(2,), scalar=min, ball=_least, rational=min, array="minimum", typeset="\\min",
+        shape=Kink(lambda a, b: b - a, lambda a, b: a, lambda a, b: b),
     ),
     Function(
-        "sat", None, lambda x, low, high: _hull(low.lower().max(x.lower().min(high.lower())), low.upper().max(x.upper().min(high.upper()))),
-        shape=Kink(_over_limit, lambda x, low, high: call("min", x, high), lambda x, low, high: low),
-        typed=(1, 3), defaults=(MINUS_ONE, ONE), rational=lambda x, low, high: max(low, min(x, high)), code="max({1}, min({0}, {2}))",
-        typeset="sat",
+        "max", typed=(2,), scalar=max, ball=_largest, rational=max, array="maximum", typeset="\\max",
+        shape=Kink(lambda a, b: a - b, lambda a, b: a, lambda a, b: b),
+    ),
+    Function(
+        "sat", typed=(1, 3), defaults=(MINUS_ONE, ONE), code="max({1}, min({0}, {2}))", typeset="sat",
+        ball=lambda x, low, high: _largest(low, _least(x, high)), rational=lambda x, low, high: max(low, min(x, high)),
+        shape=Kink(_inner_over, lambda x, low, high: call("min", x, high), lambda x, low, high: low),
     ),
 )  # fmt: skip
 
 LANGUAGE: Mapping[str, Function] = {function.name: function for function in _FUNCTIONS}
-MACROS: Mapping[str, Macro] = {
-    "ln": Macro((1,), lambda x: call("log", x)),
-    "monod": Macro((2,), lambda s, k: s / (k + s)),
-    "contois": Macro((3,), lambda s, x, k: s / (typed_product(k, x) + s)),
+# Names for what the language already has: numbers of arguments, and the expression.
+MACROS: Mapping[str, tuple[int, Rule]] = {
+    "ln": (1, lambda x: call("log", x)),
+    "monod": (2, lambda s, k: s / (k + s)),
+    "contois": (3, lambda s, x, k: s / (typed_product(k, x) + s)),
 }
 # Name -> numbers of arguments a spec may give it.
-TYPED_FUNCTIONS: Mapping[str, tuple[int, ...]] = {name: one.typed for name, one in {**LANGUAGE, **MACROS}.items() if one.typed}
+TYPED_FUNCTIONS: Mapping[str, tuple[int, ...]] = {
+    **{name: function.typed for name, function in LANGUAGE.items() if function.typed},
+    **{name: (count,) for name, (count, _) in MACROS.items()},
+}
 
 
 def applied(name: str, arguments: Sequence[Expression]) -> Expression:
     """What a typed call stands for."""
     if name in MACROS:
-        return MACROS[name].expand(*arguments)
-    return call(name, *(LANGUAGE[name].completed(arguments) if name in LANGUAGE else arguments))
+        return MACROS[name][1](*arguments)
+    defaults = LANGUAGE[name].defaults if name in LANGUAGE else ()
+    return call(name, *arguments, *defaults[len(arguments) - 1 :])
 
 
 _JUMP = "a jump has no slope bound, write tanh(k*x) or sat(k*x)"

@@ -13,7 +13,16 @@ from collections.abc import Mapping
 from fractions import Fraction
 
 from cdobs_cli.exact.budget import WorkError
-from cdobs_cli.exact.expression import Constant, Expression, ExpressionError, Number, Power, Variable, power, typed_product
+from cdobs_cli.exact.expression import (
+    Constant,
+    Expression,
+    ExpressionError,
+    Number,
+    Power,
+    Variable,
+    power,
+    typed_product,
+)
 from cdobs_cli.exact.language import CHOICE, SUBSTITUTES, applied
 from cdobs_cli.exact.language import TYPED_FUNCTIONS as TYPED_FUNCTIONS
 
@@ -99,8 +108,9 @@ class _Reader:
             return self.binary(node, depth)
         if isinstance(node, ast.Call):
             return self.call(node, depth)
-        what = CHOICE if isinstance(node, ast.IfExp | ast.Compare | ast.BoolOp) else "only + - * / **, numbers, names and functions are allowed"
-        raise ExpressionError(what, node.col_offset)
+        if isinstance(node, ast.IfExp | ast.Compare | ast.BoolOp):
+            raise ExpressionError(CHOICE, node.col_offset)
+        raise ExpressionError("only + - * / **, numbers, names and functions are allowed", node.col_offset)
 
     def number(self, node: ast.Constant) -> Fraction:
         text = ast.get_source_segment(self.source, node) or ""
@@ -144,7 +154,7 @@ class _Reader:
         if not isinstance(exponent, Number):
             raise ExpressionError("an exponent is a rational number, e.g. x**2 or x**(1/2)", node.right.col_offset)
         if abs(exponent.value) > MAX_EXPONENT or exponent.value.denominator > MAX_DENOMINATOR:
-            what = f"an exponent is at most {MAX_EXPONENT} in size and has at most {len(str(MAX_DENOMINATOR)) - 1} decimals"
+            what = f"an exponent p/q is at most {MAX_EXPONENT} in size, with q at most {MAX_DENOMINATOR}"
             raise ExpressionError(what, node.right.col_offset)
         if base.variables:
             return Power(base, exponent.value)

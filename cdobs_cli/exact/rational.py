@@ -55,7 +55,8 @@ class Quotient:
         """Back to a tree: factored, integer coefficients inside, signs outside."""
         top, bottom = self.ring.factors(self.numerator), self.ring.factors(self.denominator)
         coefficient = top.coefficient / bottom.coefficient
-        parts = _joined([*map(_split, top.factors), *((base, -exponent) for base, exponent in map(_split, bottom.factors))])
+        below = [(base, -exponent) for base, exponent in map(_split, bottom.factors)]
+        parts = _joined([*map(_split, top.factors), *below])
         factors = [power(base, exponent) for base, exponent in parts if exponent > 0]
         if coefficient < 0:
             # a - b rather than -(b - a).
@@ -72,11 +73,11 @@ class Quotient:
         value: Expression = Number(abs(coefficient.numerator))
         for factor in factors:
             value = value * factor
-        below: Expression = Number(coefficient.denominator)
+        divisor: Expression = Number(coefficient.denominator)
         for base, exponent in parts:
             if exponent < 0:
-                below = below * power(base, -exponent)
-        value = value / below
+                divisor = divisor * power(base, -exponent)
+        value = value / divisor
         return -value if coefficient < 0 else value
 
 
@@ -208,7 +209,7 @@ class Ring:
         for powers, value in polynomial.terms():
             coefficient = _fraction(value)
             term: Expression = Number(abs(coefficient))
-            held = [(*_split(generator), int(count)) for generator, count in zip(self.generators, powers, strict=False) if count]
+            held = [(*_split(one), int(count)) for one, count in zip(self.generators, powers, strict=False) if count]
             for base, exponent in _joined((base, inner * count) for base, inner, count in held):
                 term = term * power(base, exponent)
             if coefficient > 0:
@@ -336,7 +337,7 @@ def _is_generator(node: Expression) -> bool:
 
 
 def _generators(expressions: Sequence[Expression]) -> dict[Expression, int]:
-    """The generators of trees prepared by `_prepared`, each with d where it is v^(1/d) and holds all roots of v, else 1."""
+    """The generators of trees prepared by `_prepared`: each with d where it is v^(1/d), for all roots of v; else 1."""
     used: dict[Expression, None] = {}
     seen: set[Expression] = set()
     stack = list(expressions)
@@ -349,9 +350,8 @@ def _generators(expressions: Sequence[Expression]) -> dict[Expression, int]:
             used[node] = None
         else:
             stack.extend(node.children)
-    roots = [
-        node for node in used if isinstance(node, Power) and isinstance(node.base, Variable) and node.exponent.denominator <= MAX_ROOT
-    ]  # fmt: skip
+    powers = [node for node in used if isinstance(node, Power) and isinstance(node.base, Variable)]
+    roots = [node for node in powers if node.exponent.denominator <= MAX_ROOT]
     degrees: dict[Expression, int] = {}
     for node in roots:
         degrees[node.base] = lcm(degrees.get(node.base, 1), node.exponent.denominator)

@@ -279,7 +279,8 @@ def _power(base: Expression, exponent: Fraction) -> Formula:
     above = Words(str(exponent)) if 1 < exponent.denominator <= MAX_ROOT else _sum(Number(exponent))
     if exponent == Fraction(1, 2):
         return Root(_sum(base))
-    if isinstance(base, Call) and LANGUAGE[base.function].typeset.startswith("\\") and exponent.denominator == 1 and exponent > 1:
+    named = isinstance(base, Call) and LANGUAGE[base.function].typeset.startswith("\\")
+    if isinstance(base, Call) and named and exponent.denominator == 1 and exponent > 1:
         return applied(_raised(_name(base), above), _list(base.children))
     if isinstance(base, Variable | Constant) or (isinstance(base, Number) and base.value >= 0 and base.value.denominator == 1):
         return _raised(_atom(base), above)
@@ -288,7 +289,9 @@ def _power(base: Expression, exponent: Fraction) -> Formula:
 
 def _raised(base: Formula, above: Formula) -> Formula:
     """base to the power above, behind the index it may have."""
-    return Script(base.base, base.below, above) if isinstance(base, Script) and base.above is None else Script(base, None, above)
+    if isinstance(base, Script) and base.above is None:
+        return Script(base.base, base.below, above)
+    return Script(base, None, above)
 
 
 def _list(arguments: Sequence[Expression]) -> Formula:
