@@ -9,12 +9,13 @@ from math import ceil, inf, isfinite, log10
 from typing import Literal
 
 from cdobs_cli.bounds.points import high_points, point_balls
-from cdobs_cli.bounds.ranges import Range, range_of
+from cdobs_cli.bounds.ranges import Range, known_range, range_of
 from cdobs_cli.bounds.reduction import pieces
 from cdobs_cli.bounds.region import Region
 from cdobs_cli.bounds.supremum import ROUND, supremum
-from cdobs_cli.exact.expression import Call, Expression
+from cdobs_cli.exact.expression import Call, Expression, Power
 from cdobs_cli.exact.functions import fraction_ball
+from cdobs_cli.exact.language import LANGUAGE
 from cdobs_cli.exact.numbers import Exact, fraction_text, upper_text
 
 # Work of one search: nodes of the expression times boxes.
@@ -22,7 +23,6 @@ FULL = 6_000_000
 TRIAL = 400_000
 # No bound beyond this is of use.
 LARGEST = Fraction(10) ** 100
-SLOW = frozenset({"sin", "cos", "tan", "tanh", "sinh", "cosh", "exp", "log"})
 _SHORT = 8
 
 
@@ -57,7 +57,8 @@ def bounded(function: Expression, region: Region, limit: Exact, work: int) -> Bo
 def _size(expression: Expression) -> int:
     """Nodes, those weighted that are taken from balls, point by point."""
     nodes = list(expression.walk())
-    slow = sum(1 for node in nodes if isinstance(node, Call) and node.function in SLOW)
+    slow = sum(1 for node in nodes if isinstance(node, Call) and LANGUAGE[node.function].is_slow)
+    slow += sum(1 for node in nodes if isinstance(node, Power) and node.exponent.denominator > 2)
     return len(nodes) + 10 * slow
 
 
@@ -68,7 +69,7 @@ def least_bound(function: Expression, region: Region, tolerance: float = 0.002, 
     short decimals (suprema that are attained come out exactly); then that value and a part `tolerance` of the
     width. Where the work does not suffice for that, the bound that was reached.
     """
-    own = range_of(function, region.box)
+    own = known_range(function, region.box)
     met, attained = _largest(function, region)
     if met is None or abs(met) > LARGEST:
         return None

@@ -10,20 +10,25 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from math import inf, pi
+from functools import reduce
+from itertools import product
+from math import inf, isinf, nextafter, pi
 
 import numpy as np
 from flint import arb
 from numpy.typing import NDArray
 
 from cdobs_cli.exact.budget import spend
-from cdobs_cli.exact.expression import Call, Expression, Number, Power, Variable
-from cdobs_cli.exact.functions import exact_ball, fraction_ball
+from cdobs_cli.exact.expression import MINUS_ONE, Call, Expression, Number, Power, Variable
+from cdobs_cli.exact.functions import exact_ball, fraction_ball, point_ball, power_ball
+from cdobs_cli.exact.language import LANGUAGE, Function
 from cdobs_cli.exact.precision import precision
+from cdobs_cli.exact.shapes import Cornered, Kink, Monotone, Periodic
 
 Array = NDArray[np.float64]
 Ends = tuple[Array, Array]
 _BITS = 80
+_LINE = (-inf, inf)
 
 
 def _down(x: Array) -> Array:
@@ -134,113 +139,122 @@ def _nonnegative_product(a: Ends, b: Ends) -> Ends:
     return np.maximum(_down(low), 0.0), np.where(zero, 0.0, _up(high))
 
 
-def _points(function: Callable[[arb], arb], x: Array, at_minus: float, at_plus: float) -> Ends:
-    """Outward floats of a function at each point, with its limits at infinity."""
-    distinct, back = np.unique(x, return_inverse=True)
-    lower, upper = np.empty(len(distinct)), np.empty(len(distinct))
+def outside(value: arb) -> tuple[float, float]:
+    """The nearest floats outside a number; the whole line where it is not finite."""
+    if not value.is_finite():
+        return -inf, inf
+    low, high = float(value.lower()), float(value.upper())
+    return (low, high) if value.is_exact() and arb(low) == value else (nextafter(low, -inf), nextafter(high, inf))
+
+
+def _each(function: Callable[..., arb], *columns: Array) -> Ends:
+    """Outward floats of a function at each point."""
     with precision(_BITS):
-        for k, value in enumerate(distinct):
-            if np.isinf(value):
-                lower[k] = upper[k] = at_plus if value > 0 else at_minus
-                continue
-            ball = function(arb(float(value)))
-            if not ball.is_finite():
-                lower[k], upper[k] = -inf, inf
-            elif ball.is_exact() and float(ball) in (-1.0, 0.0, 1.0):
-                lower[k] = upper[k] = float(ball)
-            else:
-                lower[k], upper[k] = np.nextafter(float(ball.lower()), -inf), np.nextafter(float(ball.upper()), inf)
-    return lower[back.reshape(x.shape)], upper[back.reshape(x.shape)]
+        points = zip(*(column.tolist() for column in columns), strict=True)
+        ends = [outside(function(*map(arb, point))) for point in points]
+    low, high = np.array(ends).reshape(-1, 2).T
+    return low, high
 
 
-def _increasing(
-    function: Callable[[arb], arb], at_minus: float, at_plus: float, floor: float = -inf, ceiling: float = inf
-) -> Callable[[Ends], Ends]:
+def _points(function: Callable[[arb], arb], x: Array, limits: Sequence[tuple[float, float]] = (_LINE, _LINE)) -> Ends:
+    """The same where points come twice or lie at -inf and inf, where `limits` hold the values."""
+    distinct, back = np.unique(x, return_inverse=True)
+    with precision(_BITS):
+        ends = np.array([limits[at > 0] if isinf(at) else outside(function(arb(at))) for at in distinct.tolist()])
+    ends = ends.reshape(-1, 2)
+    return ends[back, 0], ends[back, 1]
+
+
+def _nearest(function: Callable[[Array], Array]) -> Callable[[Array], Ends]:
+    """Outward floats of a function that floats round correctly: one step holds the true value, and 0 is 0."""
+
+    def at(x: Array) -> Ends:
+        value = function(x)
+        return np.where(value == 0, 0.0, _down(value)), np.where(value == 0, 0.0, _up(value))
+
+    return at
+
+
+def _monotone(function: Function, shape: Monotone) -> Callable[[Ends], Ends]:
+    ball = point_ball(function)
+    limits = [(value, value) if isinstance(value, float) else outside(value.ball({})) for value in shape.image]
+    rises = limits[0] < limits[1]
+    (floor, _), (_, ceiling) = limits if rises else limits[::-1]
+    start, stop = (float(end) for end in shape.domain)
+    at = _nearest(getattr(np, function.name)) if function.rounded else lambda x: _points(ball, x, limits)
+
     def ends(x: Ends) -> Ends:
-        low = _points(function, x[0], at_minus, at_plus)[0]
-        high = _points(function, x[1], at_minus, at_plus)[1]
-        return np.clip(low, floor, ceiling), np.clip(high, floor, ceiling)
+        x = absolute(x) if shape.even else x
+        inside = (x[0] >= start) & (x[1] <= stop)
+        low, high = at(x[0] if rises else x[1])[0], at(x[1] if rises else x[0])[1]
+        return np.where(inside, np.maximum(low, floor), -inf), np.where(inside, np.minimum(high, ceiling), inf)
 
     return ends
 
 
-def _holds_turn(x: Ends, offset: float) -> NDArray[np.bool_]:
-    """Whether offset + 2 pi k may lie in the interval: yes in doubt."""
+def _holds_turn(x: Ends, offset: Fraction, period: int) -> NDArray[np.bool_]:
+    """Whether (offset + k period) pi may lie in the interval: yes in doubt."""
     slack = 1e-9 * (1 + np.maximum(np.abs(x[0]), np.abs(x[1])))
-    return np.floor((x[1] + slack - offset) / (2 * pi)) >= np.ceil((x[0] - slack - offset) / (2 * pi))
+    shift, turn = float(offset) * pi, period * pi
+    return np.floor((x[1] + slack - shift) / turn) >= np.ceil((x[0] - slack - shift) / turn)
 
 
-def _wave(function: Callable[[arb], arb], peak: float, valley: float) -> Callable[[Ends], Ends]:
+def _periodic(function: Function, shape: Periodic) -> Callable[[Ends], Ends]:
+    ball, bottom, top = point_ball(function), float(shape.bottom), float(shape.top)
+
     def ends(x: Ends) -> Ends:
         far = ~((np.abs(x[0]) < 1e6) & (np.abs(x[1]) < 1e6))
-        near = (np.where(far, 0.0, x[0]), np.where(far, 0.0, x[1]))
-        first, second = _points(function, near[0], 0.0, 0.0), _points(function, near[1], 0.0, 0.0)
-        low = np.where(far | _holds_turn(near, valley), -1.0, np.minimum(first[0], second[0]))
-        high = np.where(far | _holds_turn(near, peak), 1.0, np.maximum(first[1], second[1]))
-        return np.maximum(low, -1.0), np.minimum(high, 1.0)
+        first, second = (_points(ball, np.where(far, 0.0, end)) for end in x)
+        low = np.where(far | _holds_turn(x, shape.valley, shape.period), bottom, np.minimum(first[0], second[0]))
+        high = np.where(far | _holds_turn(x, shape.peak, shape.period), top, np.maximum(first[1], second[1]))
+        return np.maximum(low, bottom), np.minimum(high, top)
 
     return ends
 
 
-sin = _wave(lambda x: x.sin(), pi / 2, -pi / 2)
-cos = _wave(lambda x: x.cos(), 0.0, pi)
-tanh = _increasing(lambda x: x.tanh(), -1.0, 1.0, -1.0, 1.0)
-exp = _increasing(lambda x: x.exp(), 0.0, inf, 0.0)
-sinh = _increasing(lambda x: x.sinh(), -inf, inf)
-_cosh_of_size = _increasing(lambda x: x.cosh(), inf, inf, 1.0)
-_tan_piece = _increasing(lambda x: x.tan(), -inf, inf)
-
-
-def cosh(x: Ends) -> Ends:
-    return _cosh_of_size(absolute(x))
-
-
-def tan(x: Ends) -> Ends:
-    pole = ~((np.abs(x[0]) < 1e6) & (np.abs(x[1]) < 1e6)) | _holds_turn(x, pi / 2) | _holds_turn(x, -pi / 2)
-    low, high = _tan_piece((np.where(pole, 0.0, x[0]), np.where(pole, 0.0, x[1])))
-    return np.where(pole, -inf, low), np.where(pole, inf, high)
-
-
-def log(x: Ends) -> Ends:
+def root(x: Ends, exponent: Fraction) -> Ends:
+    """a ** exponent for a root, exponent > 0; the whole line where a < 0."""
+    if exponent.denominator == 2:
+        return whole(_VALUES["sqrt"](x), exponent.numerator)
+    at = [_points(lambda a: power_ball(a, exponent), end, (_LINE, (inf, inf))) for end in x]
     inside = x[0] >= 0
-    low = _points(lambda v: v.log() if v > 0 else arb.nan(), np.where(inside, x[0], 0.0), -inf, inf)[0]
-    high = _points(lambda v: v.log() if v > 0 else arb.nan(), np.where(inside, x[1], 0.0), -inf, inf)[1]
-    return low, np.where(inside, high, inf)
-
-
-def root(x: Ends, degree: int) -> Ends:
-    """The degree-th root where a >= 0."""
-    inside = x[0] >= 0
-    if degree == 2:
-        # IEEE square roots are correctly rounded: one step outwards holds the true one.
-        low, high = np.sqrt(np.where(inside, x[0], 0.0)), np.sqrt(np.where(inside, x[1], 0.0))
-        low, high = np.where(low == 0, 0.0, _down(low)), np.where(high == 0, 0.0, _up(high))
-        return np.where(inside, low, -inf), np.where(inside, high, inf)
-    function = _increasing(lambda v: v.root(degree) if v > 0 else arb(0), 0.0, inf, 0.0)
-    low, high = function((np.where(inside, x[0], 0.0), np.where(inside, x[1], 0.0)))
-    return np.where(inside, low, -inf), np.where(inside, high, inf)
+    return np.where(inside, np.maximum(at[0][0], 0.0), -inf), np.where(inside, at[1][1], inf)
 
 
 def rational_power(x: Ends, exponent: Fraction) -> Ends:
     """a ** (p/q)."""
     if exponent.denominator == 1:
         return whole(x, exponent.numerator)
-    return whole(root(x, exponent.denominator), exponent.numerator)
+    return root(x, exponent) if exponent > 0 else inverse(root(x, -exponent))
 
 
-def _jump(low_value: float) -> Callable[[Ends], Ends]:
-    """`sign` or `step`: the value almost everywhere on the box, see bounds/ranges.py."""
+def _cornered(function: Function, shape: Cornered) -> Callable[..., Ends]:
+    ball, slots, inside = point_ball(function), function.slots, shape.inside(*function.slots)
+    limits = outside(shape.image[0].ball({}))[0], outside(shape.image[1].ball({}))[1]
 
-    def ends(x: Ends) -> Ends:
-        kink = (x[0] == 0) & (x[1] == 0)
-        lower = np.where((x[0] >= 0) & ~kink, 1.0, low_value)
-        upper = np.where((x[1] <= 0) & ~kink, low_value, 1.0)
-        return lower, upper
+    def ends(*arguments: Ends) -> Ends:
+        defined = _through(inside, {slot: Jet(x) for slot, x in zip(slots, arguments, strict=True)}).value[0] > 0
+        far = ~np.all(np.isfinite(np.stack([end for x in arguments for end in x])), axis=0)
+        near = [tuple(np.where(defined & ~far, end, 1.0) for end in x) for x in arguments]
+        low, high = reduce(hull, (_each(ball, *corner) for corner in product(*near)))
+        low, high = np.where(far, limits[0], low), np.where(far, limits[1], high)
+        return np.where(defined, low, -inf), np.where(defined, high, inf)
 
     return ends
 
 
-sign, step = _jump(-1.0), _jump(0.0)
+def _sides(x: Ends) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Where x >= 0 and where x <= 0 almost everywhere on the box, see ranges.py."""
+    kink = (x[0] == 0) & (x[1] == 0)
+    return (x[0] >= 0) & ~kink, (x[1] <= 0) & ~kink
+
+
+def _chosen(condition: Ends, above: Ends, below: Ends) -> Ends:
+    """Above or below, by the side; their hull where it is not known."""
+    over, under = _sides(condition)
+    both = hull(above, below)
+    low, high = (np.where(over, above[k], np.where(under, below[k], both[k])) for k in (0, 1))
+    return low, high
 
 
 def minimum(a: Ends, b: Ends) -> Ends:
@@ -253,11 +267,7 @@ def maximum(a: Ends, b: Ends) -> Ends:
 
 def constant(value: arb, count: int) -> Ends:
     """A number as the nearest floats outside."""
-    if not value.is_finite():
-        return np.full(count, -inf), np.full(count, inf)
-    low, high = float(value.lower()), float(value.upper())
-    if not (value.is_exact() and arb(low) == value):
-        low, high = float(np.nextafter(low, -inf)), float(np.nextafter(high, inf))
+    low, high = outside(value)
     return np.full(count, low), np.full(count, high)
 
 
@@ -309,17 +319,32 @@ class Evaluator:
                     index = self.names[node.name]
                     one = np.ones(count)
                     memo[node] = Jet((low[:, index], high[:, index]), {index: (one, one)} if slopes else {})
-                elif isinstance(node, Power):
-                    memo[node] = _power_jet(memo[node.base], node.exponent)
-                elif isinstance(node, Call):
-                    memo[node] = _RULES[node.function](*(memo[child] for child in node.children))
                 else:
-                    ball = fraction_ball(node.value) if isinstance(node, Number) else exact_ball(node)
-                    memo[node] = Jet(constant(ball, count))
+                    memo[node] = _jet(node, memo, count)
                 for child in node.children:
                     if self.last_use[child] == k and child is not self.nodes[-1]:
                         memo.pop(child, None)
         return memo[self.nodes[-1]]
+
+
+def _jet(node: Expression, memo: Mapping[Expression, Jet], count: int) -> Jet:
+    """A node from its children."""
+    if isinstance(node, Power):
+        return _power_jet(memo[node.base], node.exponent)
+    if isinstance(node, Call):
+        if node.function == "multiply" and node.children[0] == MINUS_ONE:
+            x = memo[node.children[1]]
+            return Jet(negate(x.value), {index: negate(part) for index, part in x.gradient.items()})
+        return _RULES[node.function](*(memo[child] for child in node.children))
+    return Jet(constant(exact_ball(node), count))
+
+
+def _through(expression: Expression, memo: dict[Expression, Jet]) -> Jet:
+    """An expression of parts that are known."""
+    count = len(next(iter(memo.values())).value[0])
+    for node in expression.walk(memo):
+        memo[node] = _jet(node, memo, count)
+    return memo[expression]
 
 
 def _power_jet(x: Jet, exponent: Fraction) -> Jet:
@@ -331,87 +356,94 @@ def _power_jet(x: Jet, exponent: Fraction) -> Jet:
     return Jet(value, _chain([(factor if below is None else multiply(factor, below), x)]))
 
 
-def _smooth(function: Callable[[Ends], Ends], slope: Callable[[Ends, Ends], Ends]) -> Callable[[Jet], Jet]:
-    """A function of one variable with its derivative as slope(x, f(x))."""
-
-    def rule(x: Jet) -> Jet:
-        value = function(x.value)
-        return Jet(value, _chain([(slope(x.value, value), x)]) if x.gradient else {})
-
-    return rule
-
-
-def _ones(x: Ends) -> Ends:
-    one = np.ones_like(x[0])
-    return one, one
-
-
-def _add_rule(a: Jet, b: Jet) -> Jet:
+def _add(a: Jet, b: Jet) -> Jet:
     gradient = dict(a.gradient)
     for index, part in b.gradient.items():
         gradient[index] = add(gradient[index], part) if index in gradient else part
     return Jet(add(a.value, b.value), gradient)
 
 
-def _multiply_rule(a: Jet, b: Jet) -> Jet:
+def _multiply(a: Jet, b: Jet) -> Jet:
     return Jet(multiply(a.value, b.value), _chain([(b.value, a), (a.value, b)]))
 
 
-def _divide_rule(a: Jet, b: Jet) -> Jet:
+def _divide(a: Jet, b: Jet) -> Jet:
     one_over = inverse(b.value)
     value = multiply(a.value, one_over)
     return Jet(value, _chain([(one_over, a), (negate(multiply(a.value, whole(one_over, 2))), b)]))
 
 
-def _jump_rule(function: Callable[[Ends], Ends]) -> Callable[[Jet], Jet]:
+def _smooth(function: Function) -> Callable[..., Jet]:
+    """The chain rule, with the partial derivatives as expressions of the arguments and of the value."""
+    slots, own = function.slots, Call(function.name, function.slots)
+    partials = [partial(*slots) for partial in function.partials]
+
+    def rule(*jets: Jet) -> Jet:
+        value = _VALUES[function.name](*(jet.value for jet in jets))
+        known = {own: Jet(value)} | {slot: Jet(jet.value) for slot, jet in zip(slots, jets, strict=True)}
+        pairs = [(partial, jet) for partial, jet in zip(partials, jets, strict=True) if jet.gradient]
+        return Jet(value, _chain([(_slope(_through(partial, known).value, value), jet) for partial, jet in pairs]))
+
+    def _slope(slope: Ends, value: Ends) -> Ends:
+        if not isinstance(function.shape, Cornered):
+            return slope
+        # Where the box meets a cut, no slope bounds what the value does.
+        return np.where(np.isinf(value[0]), -inf, slope[0]), np.where(np.isinf(value[1]), inf, slope[1])
+
+    return rule
+
+
+def _jump(above: Number, below: Number) -> Callable[[Jet], Jet]:
+    """No bound of the gradient exists across a jump, whatever the argument's own gradient is."""
+
     def rule(x: Jet) -> Jet:
-        value = function(x.value)
+        high, low = (np.full_like(x.value[0], float(side.value)) for side in (above, below))
+        value = _chosen(x.value, (high, high), (low, low))
         flat = value[0] == value[1]
         slope = (np.where(flat, 0.0, -inf), np.where(flat, 0.0, inf))
-        # No bound of the gradient exists across the jump, whatever the argument's own gradient is.
         return Jet(value, dict.fromkeys(x.gradient, slope))
 
     return rule
 
 
-def _branch_rule(smaller: bool) -> Callable[[Jet, Jet], Jet]:
-    def rule(a: Jet, b: Jet) -> Jet:
-        first, second = (a, b) if smaller else (b, a)
-        only_a, only_b = first.value[1] < second.value[0], second.value[1] < first.value[0]
-        zero = np.zeros_like(a.value[0])
-        gradient = {}
-        for index in {*a.gradient, *b.gradient}:
-            ga, gb = a.gradient.get(index, (zero, zero)), b.gradient.get(index, (zero, zero))
-            both = hull(ga, gb)
-            gradient[index] = (
-                np.where(only_a, ga[0], np.where(only_b, gb[0], both[0])),
-                np.where(only_a, ga[1], np.where(only_b, gb[1], both[1])),
-            )
-        return Jet(minimum(a.value, b.value) if smaller else maximum(a.value, b.value), gradient)
+def _kink(function: Function, shape: Kink) -> Callable[..., Jet]:
+    """The gradient of the branch."""
+    slots = function.slots
+    condition, *branches = shape.condition(*slots), shape.above(*slots), shape.below(*slots)
+
+    def rule(*jets: Jet) -> Jet:
+        value = _VALUES[function.name](*(jet.value for jet in jets))
+        if not any(jet.gradient for jet in jets):
+            return Jet(value)
+        known = dict(zip(slots, jets, strict=True))
+        side = _through(condition, known).value
+        above, below = (_through(branch, known).gradient for branch in branches)
+        zero = (np.zeros_like(side[0]),) * 2
+        return Jet(value, {i: _chosen(side, above.get(i, zero), below.get(i, zero)) for i in {*above, *below}})
 
     return rule
 
 
-_minimum_rule, _maximum_rule = _branch_rule(True), _branch_rule(False)
-_RULES: Mapping[str, Callable[..., Jet]] = {
-    "add": _add_rule,
-    "multiply": _multiply_rule,
-    "divide": _divide_rule,
-    "sin": _smooth(sin, lambda x, _: cos(x)),
-    "cos": _smooth(cos, lambda x, _: negate(sin(x))),
-    "tan": _smooth(tan, lambda _, v: add(_ones(v), whole(v, 2))),
-    "tanh": _smooth(tanh, lambda _, v: add(_ones(v), negate(whole(v, 2)))),
-    "sinh": _smooth(sinh, lambda x, _: cosh(x)),
-    "cosh": _smooth(cosh, lambda x, _: sinh(x)),
-    "exp": _smooth(exp, lambda _, v: v),
-    "log": _smooth(log, lambda x, _: inverse(x)),
-    "sqrt": _smooth(lambda x: root(x, 2), lambda _, v: multiply((np.full_like(v[0], 0.5),) * 2, inverse(v))),
-    "abs": _smooth(absolute, lambda x, _: sign(x)),
-    "min": _minimum_rule,
-    "max": _maximum_rule,
-    "sat": lambda x, low, high: _maximum_rule(low, _minimum_rule(x, high)),
-    "monod": lambda s, k: _divide_rule(s, _add_rule(k, s)),
-    "contois": lambda s, x, k: _divide_rule(s, _add_rule(_multiply_rule(k, x), s)),
-    "sign": _jump_rule(sign),
-    "step": _jump_rule(step),
-}
+# What has no shape, and kinks, of which a shape gives only the gradient.
+_VALUES: dict[str, Callable[..., Ends]] = {
+    "abs": absolute, "min": minimum, "max": maximum, "sat": lambda x, low, high: maximum(low, minimum(x, high)),
+}  # fmt: skip
+_RULES: dict[str, Callable[..., Jet]] = {"add": _add, "multiply": _multiply, "divide": _divide}
+
+
+def _made(function: Function) -> Callable[..., Jet]:
+    match function.shape:
+        case Monotone() as shape:
+            _VALUES[function.name] = _monotone(function, shape)
+        case Periodic() as shape:
+            _VALUES[function.name] = _periodic(function, shape)
+        case Cornered() as shape:
+            _VALUES[function.name] = _cornered(function, shape)
+        case Kink() if function.jump is not None:
+            return _jump(*function.jump)
+        case Kink() as shape if not function.partials:
+            return _kink(function, shape)
+    return _smooth(function)
+
+
+_RULES |= {name: _made(function) for name, function in LANGUAGE.items() if function.shape is not None}

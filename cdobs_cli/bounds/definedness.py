@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Literal
 
 from cdobs_cli.bounds.bounded import TRIAL, bounded, least_bound
 from cdobs_cli.bounds.points import high_points
 from cdobs_cli.bounds.ranges import Range, range_of
 from cdobs_cli.bounds.region import Region, point_text
 from cdobs_cli.certificate import Claim, Status, Witness
-from cdobs_cli.exact.expression import Call, Expression, Power, call
+from cdobs_cli.exact.expression import Call, Expression, Power
+from cdobs_cli.exact.language import LANGUAGE, Need
 from cdobs_cli.exact.numbers import Exact
 
-Need = Literal["nonzero", "positive", "nonnegative"]
 _SIGNS: dict[Need, str] = {"nonzero": "!= 0", "positive": "> 0", "nonnegative": ">= 0"}
 
 
@@ -37,19 +36,7 @@ def conditions(expression: Expression) -> Iterator[tuple[Expression, Need]]:
             elif node.exponent < 0:
                 yield node.base, "nonzero"
         elif isinstance(node, Call):
-            match node.function:
-                case "divide":
-                    yield node.children[1], "nonzero"
-                case "monod":
-                    yield node.children[1] + node.children[0], "nonzero"
-                case "contois":
-                    yield node.children[2] * node.children[1] + node.children[0], "nonzero"
-                case "log":
-                    yield node.children[0], "positive"
-                case "sqrt":
-                    yield node.children[0], "nonnegative"
-                case "tan":
-                    yield call("cos", node.children[0]), "nonzero"
+            yield from LANGUAGE[node.function].conditions(*node.children)
 
 
 def defined(expression: Expression, region: Region) -> Definedness:
@@ -102,12 +89,19 @@ def _positive(g: Expression, least: Range, region: Region) -> tuple[Status, None
 def _least(g: Expression, region: Region) -> tuple[Range | None, Mapping[str, Fraction] | None]:
     """The least value met at points of the region."""
     best, at = None, None
-    for point in high_points(-g, region):
+    for point in _with_round_ones(high_points(-g, region)):
         if region.holds(point):
             value = range_of(g, {name: Range.point(end) for name, end in point.items()})
             if value.is_finite and (best is None or value.upper < best.upper):
                 best, at = value, point
     return best, at
+
+
+def _with_round_ones(points: Iterable[Mapping[str, Fraction]]) -> Iterator[Mapping[str, Fraction]]:
+    """Each point, and what it is to two decimals: zeros that g only touches lie there."""
+    for point in points:
+        yield point
+        yield {name: round(at, 2) for name, at in point.items()}
 
 
 def _zero_between(g: Expression, a: Mapping[str, Fraction], b: Mapping[str, Fraction]) -> Mapping[str, Fraction]:

@@ -10,15 +10,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import reduce
+from itertools import product
 from math import inf
 
 from flint import arb
 
 from cdobs_cli.exact.expression import Call, Expression, Number, Power, Variable
-from cdobs_cli.exact.functions import exact_ball, fraction_ball
+from cdobs_cli.exact.functions import exact_ball, fraction_ball, point_ball, power_ball
+from cdobs_cli.exact.language import LANGUAGE, Function
 from cdobs_cli.exact.numbers import clipped
+from cdobs_cli.exact.rational import simplify
+from cdobs_cli.exact.shapes import Cornered, End, Monotone, Periodic
 
-End = Fraction | float  # a float only where it is inf or -inf
 _MAX_BITS = 1200
 _KEPT_BITS = 400
 
@@ -61,8 +65,6 @@ class Range:
 
 
 LINE = Range(-inf, inf)
-_UNIT = Range(Fraction(-1), Fraction(1))
-_STEP = Range(Fraction(0), Fraction(1))
 
 
 def _short(value: Range) -> Range:
@@ -115,37 +117,93 @@ def _inverse(a: Range) -> Range:
     return LINE
 
 
-def _ends(function: Callable[[arb], arb], low: End, high: End, x: Range, exact: Mapping[Fraction, Fraction]) -> Range:
-    """Range of an increasing function; `low` and `high` are its limits at -inf and inf."""
-
-    def value(end: End) -> Range:
-        if isinstance(end, float):
-            limit = low if end < 0 else high
-            return Range(limit, limit)
-        if end in exact:
-            return Range.point(exact[end])
-        return Range.of_ball(function(fraction_ball(end)))
-
-    return Range(value(x.lower).lower, value(x.upper).upper)
-
-
 def _clip(value: Range, limits: Range) -> Range:
     return Range(max(value.lower, limits.lower), min(value.upper, limits.upper))
 
 
-def _root(x: Range, degree: int) -> Range:
+def _at(function: Function, end: Fraction) -> Range:
+    """Its value at a rational point; the whole line where it has none."""
+    known = function.folded((end,))
+    return Range.of_ball(point_ball(function)(fraction_ball(end))) if known is None else Range.point(known)
+
+
+def _limit(value: Expression | float) -> Range:
+    return Range(value, value) if isinstance(value, float) else Range.of_ball(value.ball({}))
+
+
+def _monotone(function: Function, shape: Monotone) -> Callable[[Range], Range]:
+    limits = [_limit(value) for value in shape.image]
+    image = limits[0].hull(limits[1])
+    rises = limits[0].lower < limits[1].lower
+
+    def value(end: End) -> Range:
+        return limits[end > 0] if isinstance(end, float) else _at(function, end)
+
+    def ends(x: Range) -> Range:
+        x = _absolute(x) if shape.even else x
+        if x.lower < shape.domain[0] or x.upper > shape.domain[1]:
+            return LINE
+        first, last = value(x.lower), value(x.upper)
+        return _clip(Range(first.lower, last.upper) if rises else Range(last.lower, first.upper), image)
+
+    return ends
+
+
+def _periodic(function: Function, shape: Periodic) -> Callable[[Range], Range]:
+    image = Range(shape.bottom, shape.top)
+
+    def ends(x: Range) -> Range:
+        if not x.is_finite or Fraction(x.upper) - Fraction(x.lower) >= Fraction(22, 7) * shape.period:
+            return image
+        value = _clip(_at(function, Fraction(x.lower)).hull(_at(function, Fraction(x.upper))), image)
+        lower = shape.bottom if _may_hold(x, shape.valley, shape.period) else value.lower
+        upper = shape.top if _may_hold(x, shape.peak, shape.period) else value.upper
+        return Range(lower, upper)
+
+    return ends
+
+
+def _may_hold(x: Range, offset: Fraction, period: int) -> bool:
+    """Whether (offset + k period) pi may lie in x for some integer k."""
+    ends = (fraction_ball(Fraction(end)) / arb.pi() for end in (x.lower, x.upper))
+    first, last = ((end - fraction_ball(offset)) / period for end in ends)
+    return not first.lower().ceil().upper() > last.upper().floor().lower()
+
+
+def _cornered(function: Function, shape: Cornered) -> Callable[..., Range]:
+    inside = shape.inside(*function.slots)
+    names = [str(slot) for slot in function.slots]
+    image = _limit(shape.image[0]).hull(_limit(shape.image[1]))
+
+    def ends(*arguments: Range) -> Range:
+        if not range_of(inside, dict(zip(names, arguments, strict=True))).lower > 0:
+            return LINE
+        if not all(x.is_finite for x in arguments):
+            return image
+        corners = product(*((fraction_ball(Fraction(end)) for end in (x.lower, x.upper)) for x in arguments))
+        return reduce(Range.hull, (Range.of_ball(point_ball(function)(*corner)) for corner in corners))
+
+    return ends
+
+
+def _root(x: Range, exponent: Fraction) -> Range:
+    """x ** exponent > 0, where x >= 0."""
     if x.lower < 0:
         return LINE
-    return _clip(
-        _ends(lambda v: v.root(degree), 0.0, inf, x, {Fraction(0): Fraction(0), Fraction(1): Fraction(1)}), Range(Fraction(0), inf)
-    )
+
+    def value(end: End) -> Range:
+        if end in (0, 1, inf):
+            return Range(end, end)
+        return Range.of_ball(power_ball(fraction_ball(Fraction(end)), exponent))
+
+    return Range(value(x.lower).lower, value(x.upper).upper)
 
 
 def _power(x: Range, exponent: Fraction) -> Range:
     if exponent < 0:
         return _inverse(_power(x, -exponent))
     if exponent.denominator > 1:
-        return _power(_root(x, exponent.denominator), Fraction(exponent.numerator))
+        return _root(x, exponent)
     count = exponent.numerator
 
     def raised(end: End) -> End:
@@ -159,54 +217,6 @@ def _power(x: Range, exponent: Fraction) -> Range:
     return Range(Fraction(0), max(low, high)) if 0 in x else Range(min(low, high), max(low, high))
 
 
-def _may_hold_multiple(x: Range, offset: arb) -> bool:
-    """Whether offset + 2 pi k may lie in x for some integer k."""
-    turn = 2 * arb.pi()
-    first = ((fraction_ball(Fraction(x.lower)) - offset) / turn).lower().ceil()
-    last = ((fraction_ball(Fraction(x.upper)) - offset) / turn).upper().floor()
-    return not first.upper() > last.lower()
-
-
-def _cos(x: Range) -> Range:
-    if not x.is_finite or Fraction(x.upper) - Fraction(x.lower) >= 7:
-        return _UNIT
-    ends = [Range.point(1) if end == 0 else Range.of_ball(fraction_ball(Fraction(end)).cos()) for end in (x.lower, x.upper)]
-    value = _clip(ends[0].hull(ends[1]), _UNIT)
-    lower = Fraction(-1) if _may_hold_multiple(x, arb.pi()) else value.lower
-    upper = Fraction(1) if _may_hold_multiple(x, arb(0)) else value.upper
-    return Range(lower, upper)
-
-
-def _sin(x: Range) -> Range:
-    if not x.is_finite or Fraction(x.upper) - Fraction(x.lower) >= 7:
-        return _UNIT
-    ends = [Range.point(0) if end == 0 else Range.of_ball(fraction_ball(Fraction(end)).sin()) for end in (x.lower, x.upper)]
-    value = _clip(ends[0].hull(ends[1]), _UNIT)
-    lower = Fraction(-1) if _may_hold_multiple(x, -arb.pi() / 2) else value.lower
-    upper = Fraction(1) if _may_hold_multiple(x, arb.pi() / 2) else value.upper
-    return Range(lower, upper)
-
-
-def _tan(x: Range) -> Range:
-    cosine = _cos(x)
-    if not x.is_finite or 0 in cosine or Fraction(x.upper) - Fraction(x.lower) >= 3:
-        return LINE
-    return _ends(lambda v: v.tan(), -inf, inf, x, {Fraction(0): Fraction(0)})
-
-
-def _cosh(x: Range) -> Range:
-    size = _absolute(x)
-    return _clip(_ends(lambda v: v.cosh(), Fraction(1), inf, size, {Fraction(0): Fraction(1)}), Range(Fraction(1), inf))
-
-
-def _log(x: Range) -> Range:
-    if x.lower < 0:
-        return LINE
-    if x.lower == 0:
-        return Range(-inf, inf if x.upper in (0, inf) else _log(Range(x.upper, x.upper)).upper)
-    return _ends(lambda v: v.log(), -inf, inf, x, {Fraction(1): Fraction(0)})
-
-
 def _absolute(x: Range) -> Range:
     high = max(x.upper, -x.lower)
     return Range(Fraction(0) if 0 in x else max(x.lower, -x.upper), high)
@@ -215,16 +225,15 @@ def _absolute(x: Range) -> Range:
 # Where a Lipschitz g is 0 its gradient is 0 almost everywhere, and `sign(g)`, `step(g)` only ever multiply
 # derivatives of g: on a box where g >= 0 they count as 1 even where g touches 0. Bounds that hold almost
 # everywhere bound the Clarke gradient and every secant.
-def _sign(x: Range) -> Range:
-    if x.is_point and x.lower == 0:
-        return _UNIT
-    return Range.point(1) if x.lower >= 0 else Range.point(-1) if x.upper <= 0 else _UNIT
+def _jump(above: Number, below: Number) -> Callable[[Range], Range]:
+    high, low = Range.point(above.value), Range.point(below.value)
 
+    def ends(x: Range) -> Range:
+        if x.is_point and x.lower == 0:
+            return low.hull(high)
+        return high if x.lower >= 0 else low if x.upper <= 0 else low.hull(high)
 
-def _step(x: Range) -> Range:
-    if x.is_point and x.lower == 0:
-        return _STEP
-    return Range.point(1) if x.lower >= 0 else Range.point(0) if x.upper <= 0 else _STEP
+    return ends
 
 
 def _minimum(a: Range, b: Range) -> Range:
@@ -235,29 +244,30 @@ def _maximum(a: Range, b: Range) -> Range:
     return Range(max(a.lower, b.lower), max(a.upper, b.upper))
 
 
-_ZERO_AT_ZERO = {Fraction(0): Fraction(0)}
-RANGE_FUNCTIONS: dict[str, Callable[..., Range]] = {
+# What has no shape, and kinks, of which a shape gives only the gradient.
+_RULES: dict[str, Callable[..., Range]] = {
     "add": _add,
     "multiply": _multiply,
     "divide": lambda a, b: _multiply(a, _inverse(b)),
-    "sin": _sin,
-    "cos": _cos,
-    "tan": _tan,
-    "tanh": lambda x: _clip(_ends(lambda v: v.tanh(), Fraction(-1), Fraction(1), x, _ZERO_AT_ZERO), _UNIT),
-    "sinh": lambda x: _ends(lambda v: v.sinh(), -inf, inf, x, _ZERO_AT_ZERO),
-    "cosh": _cosh,
-    "exp": lambda x: _clip(_ends(lambda v: v.exp(), Fraction(0), inf, x, {Fraction(0): Fraction(1)}), Range(Fraction(0), inf)),
-    "log": _log,
-    "sqrt": lambda x: _root(x, 2),
     "abs": _absolute,
     "min": _minimum,
     "max": _maximum,
     "sat": lambda x, low, high: _maximum(low, _minimum(x, high)),
-    "monod": lambda s, k: _multiply(s, _inverse(_add(k, s))),
-    "contois": lambda s, x, k: _multiply(s, _inverse(_add(_multiply(k, x), s))),
-    "sign": _sign,
-    "step": _step,
 }
+
+
+def _rule(function: Function) -> Callable[..., Range]:
+    match function.shape:
+        case Monotone() as shape:
+            return _monotone(function, shape)
+        case Periodic() as shape:
+            return _periodic(function, shape)
+        case Cornered() as shape:
+            return _cornered(function, shape)
+    return _RULES[function.name] if function.jump is None else _jump(*function.jump)
+
+
+RANGE_FUNCTIONS: dict[str, Callable[..., Range]] = {name: _rule(function) for name, function in LANGUAGE.items()}
 
 
 def range_of(expression: Expression, box: Mapping[str, Range]) -> Range:
@@ -275,3 +285,9 @@ def range_of(expression: Expression, box: Mapping[str, Range]) -> Range:
         else:
             memo[node] = Range.of_ball(exact_ball(node))
     return memo[expression]
+
+
+def known_range(expression: Expression, box: Mapping[str, Range]) -> Range:
+    """The ends proved by the expression as it is, or by its canonical form."""
+    own, short = range_of(expression, box), range_of(simplify(expression), box)
+    return Range(max(own.lower, short.lower), min(own.upper, short.upper))

@@ -18,7 +18,9 @@ from cdobs_cli.bounds.ranges import Range, range_of
 from cdobs_cli.bounds.region import Region
 from cdobs_cli.exact.expression import ONE, ZERO, Call, Expression, Number, Power, Variable, call, power
 from cdobs_cli.exact.functions import fraction_ball
+from cdobs_cli.exact.language import LANGUAGE
 from cdobs_cli.exact.rational import simplify
+from cdobs_cli.exact.shapes import Kink, Periodic
 
 MAX_KINKS = 5
 MAX_TAILS = 3
@@ -53,31 +55,22 @@ def _between_kinks(function: Expression, region: Region, depth: int = MAX_KINKS)
             yield from _between_kinks(_replaced(function, values), cut, depth - 1)
 
 
+def _shape(node: Expression) -> Kink | None:
+    shape = LANGUAGE[node.function].shape if isinstance(node, Call) else None
+    return shape if isinstance(shape, Kink) else None
+
+
 def _kink(node: Expression) -> Expression | None:
     """The g whose sign decides which branch the node is on."""
-    if not isinstance(node, Call):
-        return None
-    match node.function:
-        case "step" | "sign" | "abs":
-            return node.children[0]
-        case "min":
-            return node.children[1] - node.children[0]
-        case "max":
-            return node.children[0] - node.children[1]
-    return None
+    shape = _shape(node)
+    return None if shape is None else shape.condition(*node.children)
 
 
 def _branch(node: Expression, side: int) -> Expression:
     """The node where its g has the given sign."""
-    assert isinstance(node, Call)
-    match node.function:
-        case "step":
-            return ONE if side > 0 else ZERO
-        case "sign":
-            return Number(side)
-        case "abs":
-            return node.children[0] if side > 0 else -node.children[0]
-    return node.children[0] if side > 0 else node.children[1]
+    shape = _shape(node)
+    assert shape is not None
+    return shape.above(*node.children) if side > 0 else shape.below(*node.children)
 
 
 def _is_affine(g: Expression) -> bool:
@@ -138,7 +131,7 @@ def _rate(function: Expression, name: str) -> Fraction | None:
     """a > 0 such that the function has the period 2 pi / a in `name`; None where none is seen."""
     rates: dict[Expression, Fraction] = {}
     for node in function.walk():
-        if isinstance(node, Call) and node.function in ("sin", "cos", "tan") and name in node.variables:
+        if isinstance(node, Call) and isinstance(LANGUAGE[node.function].shape, Periodic) and name in node.variables:
             rate = simplify(node.children[0].derivative(name))
             if isinstance(rate, Number):
                 rates[node] = abs(rate.value)

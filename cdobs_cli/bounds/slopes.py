@@ -13,7 +13,7 @@ from cdobs_cli.bounds.bounded import FULL, Bounded, bounded, least_bound
 from cdobs_cli.bounds.definedness import Definedness, conditions, defined, defined_claim
 from cdobs_cli.bounds.invariance import domain_invariant
 from cdobs_cli.bounds.points import high_points, point_balls
-from cdobs_cli.bounds.ranges import Range, range_of
+from cdobs_cli.bounds.ranges import Range, known_range, range_of
 from cdobs_cli.bounds.region import Region, point_text
 from cdobs_cli.certificate import Claim, Status, Witness
 from cdobs_cli.exact.expression import ONE, ZERO, Expression
@@ -110,7 +110,7 @@ class Decision:
 
 def decide(slope: Expression, low: Exact, high: Exact, region: Region) -> Decision:
     """Proved, refuted or undecided: low <= slope <= high over the region."""
-    enclosure = range_of(slope, region.box)
+    enclosure = known_range(slope, region.box)
     if enclosure.is_finite:
         margin = _distance(high, Fraction(enclosure.upper)).min(_distance(-low, -Fraction(enclosure.lower)))
         if margin >= 0:
@@ -167,7 +167,7 @@ def _negated(text: str) -> str:
 
 def automatic(slope: Expression, region: Region) -> tuple[str, str] | None:
     """A proved enclosure of the slope over the region, or None where none was found."""
-    own = range_of(slope, region.box)
+    own = known_range(slope, region.box)
     if own.is_point and isinstance(own.lower, Fraction):
         return (str(Exact(own.lower)),) * 2
     high = least_bound(slope, region)

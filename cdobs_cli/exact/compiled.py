@@ -1,7 +1,7 @@
 """Expressions compiled to float functions: of plain floats for one run, of arrays for many.
 
 The code is written from our own tree (never from the typed text) with numbered locals, so it can only
-contain arithmetic and the functions of the table below.
+contain arithmetic and the functions of the language.
 """
 
 from __future__ import annotations
@@ -11,32 +11,17 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from cdobs_cli.exact.expression import Call, Constant, Expression, Number, Power, Variable
+from cdobs_cli.exact.language import LANGUAGE
 
 
-def _scalar_table() -> dict[str, Any]:
-    def sat(x: float, low: float, high: float) -> float:
-        return max(low, min(x, high))
-
-    def sign(x: float) -> float:
-        return 1.0 if x > 0 else -1.0 if x < 0 else 0.0
-
-    def step(x: float) -> float:
-        return float(x > 0) if x != 0 else 0.5
-
-    names = ("sin", "cos", "tan", "tanh", "sinh", "cosh", "exp", "log", "sqrt")
-    return {name: getattr(math, name) for name in names} | {
-        "abs": abs, "min": min, "max": max, "sat": sat, "sign": sign, "step": step,
-    }  # fmt: skip
-
-
-def _array_table() -> dict[str, Any]:
+def _table(*, arrays: bool) -> dict[str, Any]:
+    """The functions that code may call: of floats, or numpy's."""
+    if not arrays:
+        return {"power": math.pow} | {name: function.scalar for name, function in LANGUAGE.items() if function.scalar}
     import numpy as np
 
-    names = ("sin", "cos", "tan", "tanh", "sinh", "cosh", "exp", "log", "sqrt", "abs", "sign")
-    return {name: getattr(np, name) for name in names} | {
-        "min": np.minimum, "max": np.maximum, "sat": lambda x, low, high: np.maximum(low, np.minimum(x, high)),
-        "step": lambda x: np.heaviside(x, 0.5),
-    }  # fmt: skip
+    called = {name: function.array or name for name, function in LANGUAGE.items() if not function.code}
+    return {name: getattr(np, theirs) for name, theirs in {"power": "power", **called}.items()}
 
 
 def _code(node: Expression, local: dict[Expression, str]) -> str:
@@ -44,26 +29,15 @@ def _code(node: Expression, local: dict[Expression, str]) -> str:
         return repr(float(node.value))
     if isinstance(node, Constant):
         return repr(math.pi if node.name == "pi" else math.e)
+    arguments = [local[child] for child in node.children]
     if isinstance(node, Power):
-        base, exponent = local[node.base], node.exponent
+        (base,), exponent = arguments, node.exponent
         if exponent == 2:
             return f"{base} * {base}"
-        return f"{base} ** {exponent.numerator}" if exponent.denominator == 1 else f"{base} ** {float(exponent)!r}"
+        return f"{base} ** {exponent.numerator}" if exponent.denominator == 1 else f"power({base}, {float(exponent)!r})"
     assert isinstance(node, Call)
-    arguments = [local[child] for child in node.children]
-    match node.function:
-        case "add":
-            return f"{arguments[0]} + {arguments[1]}"
-        case "multiply":
-            return f"{arguments[0]} * {arguments[1]}"
-        case "divide":
-            return f"{arguments[0]} / {arguments[1]}"
-        case "monod":
-            return f"{arguments[0]} / ({arguments[1]} + {arguments[0]})"
-        case "contois":
-            return f"{arguments[0]} / ({arguments[2]} * {arguments[1]} + {arguments[0]})"
-        case name:
-            return f"{name}({', '.join(arguments)})"
+    code = LANGUAGE[node.function].code
+    return code.format(*arguments) if code else f"{node.function}({', '.join(arguments)})"
 
 
 def compile_floats(expressions: Sequence[Expression], names: Sequence[str], *, arrays: bool) -> Callable[..., tuple[Any, ...]]:
@@ -93,7 +67,7 @@ def compile_floats(expressions: Sequence[Expression], names: Sequence[str], *, a
                     lines.append(f"    {local[node]} = {code}")
     results = "".join(f"{local[expression]}, " for expression in expressions)
     source = "\n".join([f"def function({', '.join(arguments.values())}):", *lines, f"    return ({results})"])
-    table: dict[str, Any] = {"__builtins__": {}} | (_array_table() if arrays else _scalar_table())
+    table: dict[str, Any] = {"__builtins__": {}} | _table(arrays=arrays)
     exec(compile(source, "<compiled expression>", "exec"), table)  # noqa: S102 - our own code, see the module's text
     function: Callable[..., tuple[Any, ...]] = table["function"]
     return function

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 from decimal import Context, Decimal
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, TypeVar, cast
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 N = TypeVar("N", bound="Expression")
 MAX_DEPTH = 600  # what recursion over a tree can take
+MAX_ROOT = 12  # exponents with larger denominators are decimals, not roots
 
 
 class ExpressionError(ValueError):
@@ -66,13 +67,13 @@ class Expression:
     def __repr__(self) -> str:
         return f"Expression({str(self)!r})"
 
-    def walk(self) -> Iterator[Expression]:
-        """Every distinct node, children before parents."""
+    def walk(self, done: Container[Expression] = ()) -> Iterator[Expression]:
+        """Every distinct node, children before parents, but those that are done and what only they are made of."""
         seen: set[Expression] = set()
         stack: list[tuple[Expression, bool]] = [(self, False)]
         while stack:
             node, ready = stack.pop()
-            if node in seen:
+            if node in seen or node in done:
                 continue
             if ready:
                 seen.add(node)
@@ -91,18 +92,16 @@ class Expression:
 
         `memo` may be shared between expressions evaluated at the same `env`.
         """
-        from cdobs_cli.exact.functions import BALL_FUNCTIONS, exact_ball
+        from cdobs_cli.exact.functions import BALL_FUNCTIONS, exact_ball, power_ball
 
         memo = {} if memo is None else memo
-        for node in self.walk():
-            if node in memo:
-                continue
+        for node in self.walk(memo):
             if isinstance(node, Variable):
                 memo[node] = env[node.name]
             elif isinstance(node, Call):
                 memo[node] = BALL_FUNCTIONS[node.function](*(memo[child] for child in node.children))
             elif isinstance(node, Power):
-                memo[node] = BALL_FUNCTIONS["power"](memo[node.base], node.exponent)
+                memo[node] = power_ball(memo[node.base], node.exponent)
             else:
                 memo[node] = exact_ball(node)
         return memo[self]
@@ -110,27 +109,26 @@ class Expression:
     def derivative(self, name: str) -> Expression:
         """The partial derivative; abs, min, max and sat give `sign` and `step`, whose balls enclose
         the Clarke gradient where they jump."""
-        from cdobs_cli.exact.functions import DERIVATIVES, branch_derivative
+        from cdobs_cli.exact.language import LANGUAGE
 
         memo: dict[Expression, Expression] = {}
-        for node in self.walk():
-            spend(3)
-            if isinstance(node, Variable):
-                memo[node] = ONE if node.name == name else ZERO
-            elif isinstance(node, Power):
-                inner = memo[node.base]
-                memo[node] = Number(node.exponent) * power(node.base, node.exponent - 1) * inner if inner != ZERO else ZERO
-            elif isinstance(node, Call) and node.function in ("min", "max", "sat"):
-                memo[node] = branch_derivative(node.function, node.children, tuple(memo[child] for child in node.children))
-            elif isinstance(node, Call):
-                total: Expression = ZERO
-                for rule, child in zip(DERIVATIVES[node.function], node.children, strict=True):
-                    if memo[child] != ZERO:
-                        total = total + rule(*node.children) * memo[child]
-                memo[node] = total
-            else:
-                memo[node] = ZERO
-        return memo[self]
+
+        def slope(expression: Expression) -> Expression:
+            for node in expression.walk(memo):
+                spend(3)
+                if isinstance(node, Variable):
+                    memo[node] = ONE if node.name == name else ZERO
+                elif isinstance(node, Power):
+                    inner = memo[node.base]
+                    below = power(node.base, node.exponent - 1) if inner != ZERO else ZERO
+                    memo[node] = Number(node.exponent) * below * inner
+                elif isinstance(node, Call):
+                    memo[node] = LANGUAGE[node.function].derivative(node.children, slope)
+                else:
+                    memo[node] = ZERO
+            return memo[expression]
+
+        return slope(self)
 
     def substitute(self, env: Mapping[str, Expression]) -> Expression:
         """The expression with variables replaced; constants fold."""
@@ -298,23 +296,28 @@ def power(base: Expression, exponent: Fraction) -> Expression:
 
 
 def call(function: str, *arguments: Expression) -> Expression:
-    """A function applied, folded where that is arithmetic on rationals."""
-    folding: dict[str, Callable[[Expression, Expression], Expression]] = {
-        "add": add, "multiply": multiply, "divide": divide,
-    }  # fmt: skip
-    if function in folding:
-        return folding[function](*arguments)
-    if all(isinstance(argument, Number) for argument in arguments):
-        values = [argument.value for argument in arguments if isinstance(argument, Number)]
-        if function == "abs":
-            return Number(abs(values[0]))
-        if function in ("min", "max"):
-            return Number(min(values) if function == "min" else max(values))
-        if values == [0] and function in ("sin", "tan", "tanh", "sinh", "sqrt"):
-            return ZERO
-        if values == [0] and function in ("cos", "cosh", "exp"):
-            return ONE
+    """A function applied, folded where its value is known to be rational."""
+    if function in _ARITHMETIC:
+        return _ARITHMETIC[function](*arguments)
+    values = [argument.value for argument in arguments if isinstance(argument, Number)]
+    if len(values) == len(arguments):
+        from cdobs_cli.exact.language import LANGUAGE
+
+        known = LANGUAGE.get(function)
+        value = known.folded(values) if known is not None else None
+        if value is not None:
+            return Number(value)
     return Call(function, arguments)
+
+
+_ARITHMETIC: dict[str, Callable[[Expression, Expression], Expression]] = {
+    "add": add, "multiply": multiply, "divide": divide,
+}  # fmt: skip
+
+
+def typed_product(a: Expression, b: Expression) -> Expression:
+    """a b, not folded where that would hide a variable: definedness is judged on the typed tree."""
+    return Call("multiply", (a, b)) if a.variables or b.variables else a * b
 
 
 def plain_decimal(value: Decimal) -> str:
@@ -342,6 +345,11 @@ def fraction_text(value: Fraction) -> str:
     return plain_decimal(Decimal(digits).scaleb(-places, Context(prec=400)))
 
 
+def exponent_text(value: Fraction) -> str:
+    """A root as p/q, what is no root as a decimal."""
+    return str(value) if value.denominator <= MAX_ROOT else fraction_text(value)
+
+
 _INFIX = {"add": ("+", 1), "multiply": ("*", 2), "divide": ("/", 2)}
 
 
@@ -353,8 +361,8 @@ def _text(node: Expression, level: int) -> str:
     if isinstance(node, Constant | Variable):
         return node.name
     if isinstance(node, Power):
-        exponent = str(node.exponent)
-        exponent = exponent if node.exponent.denominator == 1 and node.exponent > 0 else f"({exponent})"
+        exponent = exponent_text(node.exponent)
+        exponent = f"({exponent})" if node.exponent < 0 or "/" in exponent else exponent
         text = f"{_text(node.base, 4)}**{exponent}"
         return f"({text})" if level > 3 else text
     assert isinstance(node, Call)

@@ -1,14 +1,22 @@
-"""What each function of the language is: its ball, and its partial derivatives."""
+"""Balls of numbers, of powers, and of every function of the language."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from fractions import Fraction
+from functools import reduce
+from itertools import product
+from math import inf
 
 from flint import arb, fmpq
 
 import cdobs_cli.exact.precision  # noqa: F401 - sets the working precision
-from cdobs_cli.exact.expression import MINUS_ONE, ONE, ZERO, Call, Constant, Expression, Number, call, power
+from cdobs_cli.exact.expression import Constant, Expression, Number
+from cdobs_cli.exact.language import LANGUAGE, Function
+from cdobs_cli.exact.shapes import Cornered, Monotone, Periodic
+
+Ball = Callable[..., arb]
+_EXACT_ROOTS = 64  # larger ones are taken through the logarithm
 
 
 def fraction_ball(value: Fraction) -> arb:
@@ -29,153 +37,89 @@ def hull(low: arb, high: arb) -> arb:
     return low.union(high)
 
 
-def _power(base: arb, exponent: Fraction) -> arb:
-    if exponent.denominator == 1:
-        count = exponent.numerator
-        if count < 0:
-            return 1 / _power(base, -exponent)
-        if count % 2 == 0:
-            return hull(base.abs_lower() ** count, base.abs_upper() ** count)
-        return hull(base.lower() ** count, base.upper() ** count)
-    # x**(p/q) is taken for x >= 0, and for x > 0 where p < 0.
-    if base.is_exact() and base.is_zero() and exponent > 0:
-        return arb(0)
-    if base.upper() < 0:
-        return arb.nan()
+def power_ball(base: arb, exponent: Fraction) -> arb:
+    """base ** exponent; with a root only for base >= 0, and base > 0 where exponent < 0."""
     if exponent < 0:
-        return 1 / _power(base, -exponent)
-    root = base.lower()
-    if root < 0:
-        return arb.nan()
-    degree = exponent.denominator
-    low, high = root.root(degree) if root > 0 else arb(0), base.upper().root(degree)
-    return hull(low**exponent.numerator, high**exponent.numerator)
+        return 1 / power_ball(base, -exponent)
+    if exponent.denominator > 1:
+        return _between(lambda x: _root_power(x, exponent), base, base.lower(), base.upper())
+    count = exponent.numerator
+    if count % 2 == 0:
+        return hull(base.abs_lower() ** count, base.abs_upper() ** count)
+    return hull(base.lower() ** count, base.upper() ** count)
 
 
-def _monotone(function: Callable[[arb], arb]) -> Callable[[arb], arb]:
-    """Enclosure of an increasing function by its ends: far tighter than the midpoint rule on wide balls."""
+def _root_power(base: arb, exponent: Fraction) -> arb:
+    """At a point."""
+    if not base > 0:
+        return arb(0) if base.is_zero() else arb.nan()
+    if exponent.denominator <= _EXACT_ROOTS:
+        return base.root(exponent.denominator) ** exponent.numerator
+    return (base.log() * fraction_ball(exponent)).exp()
 
-    def ball(x: arb) -> arb:
-        return function(x) if x.is_exact() else hull(function(x.lower()), function(x.upper()))
 
-    return ball
+def _between(function: Ball, x: arb, low: arb, high: arb) -> arb:
+    """Enclosure by the ends: far tighter than the midpoint rule on wide balls, and not finite outside the domain."""
+    if x.is_nan():
+        return x
+    return function(x) if x.is_exact() else hull(function(low), function(high))
 
 
-def _clip_unit(function: Callable[[arb], arb]) -> Callable[[arb], arb]:
-    unit = hull(arb(-1), arb(1))
+def _monotone(function: Ball, shape: Monotone) -> Ball:
+    if shape.even:
+        return lambda x: _between(function, x, x.abs_lower(), x.abs_upper())
+    return lambda x: _between(function, x, x.lower(), x.upper())
+
+
+def _periodic(function: Ball, shape: Periodic) -> Ball:
+    if shape.top == inf:
+        return function
+    image = hull(arb(float(shape.bottom)), arb(float(shape.top)))
 
     def ball(x: arb) -> arb:
         value = function(x)
-        if value.is_finite() and value.abs_upper() <= 1:
+        if x.is_nan() or image.contains(value):
             return value
-        return value.intersection(unit) if value.is_finite() else unit
+        return value.intersection(image) if value.is_finite() else image
 
     return ball
 
 
-def _sign(x: arb) -> arb:
-    if x > 0:
-        return arb(1)
-    return arb(-1) if x < 0 else hull(arb(-1), arb(1))
+def _cornered(function: Function, shape: Cornered) -> Ball:
+    names, at_corner = [str(slot) for slot in function.slots], point_ball(function)
+    inside = shape.inside(*function.slots)
+
+    def ball(*arguments: arb) -> arb:
+        if not inside.ball(dict(zip(names, arguments, strict=True))) > 0:
+            return arb.nan()
+        corners = product(*((x.lower(), x.upper()) for x in arguments))
+        return reduce(hull, (at_corner(*corner) for corner in corners))
+
+    return ball
 
 
-def _step(x: arb) -> arb:
-    if x > 0:
-        return arb(1)
-    return arb(0) if x < 0 else hull(arb(0), arb(1))
+def point_ball(function: Function) -> Ball:
+    """Its value at points."""
+    assert function.ball is not None
+    return function.ball
 
 
-def _absolute(x: arb) -> arb:
-    return hull(x.abs_lower(), x.abs_upper())
+def _jump(above: Number, below: Number) -> Ball:
+    """At the jump both sides and what lies between, which holds the Clarke gradient."""
+    high, low = exact_ball(above), exact_ball(below)
+    return lambda x: high if x > 0 else low if x < 0 else hull(low, high)
 
 
-def _minimum(a: arb, b: arb) -> arb:
-    return hull(a.lower().min(b.lower()), a.upper().min(b.upper()))
+def _ball(function: Function) -> Ball:
+    match function.shape:
+        case Monotone() as shape:
+            return _monotone(point_ball(function), shape)
+        case Periodic() as shape:
+            return _periodic(point_ball(function), shape)
+        case Cornered() as shape:
+            return _cornered(function, shape)
+    jump = function.jump
+    return point_ball(function) if jump is None else _jump(*jump)
 
 
-def _maximum(a: arb, b: arb) -> arb:
-    return hull(a.lower().max(b.lower()), a.upper().max(b.upper()))
-
-
-def _cosh(x: arb) -> arb:
-    return hull(x.abs_lower().cosh(), x.abs_upper().cosh())
-
-
-BALL_FUNCTIONS: dict[str, Callable[..., arb]] = {
-    "add": lambda a, b: a + b,
-    "multiply": lambda a, b: a * b,
-    "divide": lambda a, b: a / b,
-    "power": _power,
-    "sin": _clip_unit(lambda x: x.sin()),
-    "cos": _clip_unit(lambda x: x.cos()),
-    "tan": lambda x: x.tan(),
-    "tanh": _monotone(lambda x: x.tanh()),
-    "sinh": _monotone(lambda x: x.sinh()),
-    "cosh": _cosh,
-    "exp": _monotone(lambda x: x.exp()),
-    "log": lambda x: _monotone(lambda v: v.log())(x) if x > 0 else arb.nan(),
-    "sqrt": lambda x: _power(x, Fraction(1, 2)),
-    "abs": _absolute,
-    "min": _minimum,
-    "max": _maximum,
-    "sat": lambda x, low, high: _maximum(low, _minimum(x, high)),
-    "monod": lambda s, k: s / (k + s),
-    "contois": lambda s, x, k: s / (k * x + s),
-    "sign": _sign,
-    "step": _step,
-}
-
-Rule = Callable[..., Expression]
-_TWO = Number(2)
-
-
-def _square(x: Expression) -> Expression:
-    return power(x, Fraction(2))
-
-
-DERIVATIVES: dict[str, tuple[Rule, ...]] = {
-    "add": (lambda a, b: ONE, lambda a, b: ONE),
-    "multiply": (lambda a, b: b, lambda a, b: a),
-    "divide": (lambda a, b: ONE / b, lambda a, b: -(a / _square(b))),
-    "sin": (lambda x: call("cos", x),),
-    "cos": (lambda x: -call("sin", x),),
-    "tan": (lambda x: ONE + _square(call("tan", x)),),
-    "tanh": (lambda x: ONE - _square(call("tanh", x)),),
-    "sinh": (lambda x: call("cosh", x),),
-    "cosh": (lambda x: call("sinh", x),),
-    "exp": (lambda x: call("exp", x),),
-    "log": (lambda x: ONE / x,),
-    "sqrt": (lambda x: ONE / (_TWO * call("sqrt", x)),),
-    "abs": (lambda x: Call("sign", (x,)),),
-    "monod": (lambda s, k: k / _square(k + s), lambda s, k: -(s / _square(k + s))),
-    "contois": (
-        lambda s, x, k: k * x / _square(k * x + s),
-        lambda s, x, k: -(k * s / _square(k * x + s)),
-        lambda s, x, k: -(x * s / _square(k * x + s)),
-    ),
-    "sign": (lambda x: ZERO,),
-    "step": (lambda x: ZERO,),
-}
-
-
-def branch_derivative(function: str, arguments: tuple[Expression, ...], slopes: tuple[Expression, ...]) -> Expression:
-    """The derivative of min, max or sat: slope_b + step(..) (slope_a - slope_b).
-
-    Written with one step, so that its range at the kink is the hull of the two slopes.
-    """
-
-    def chosen(condition: Expression, a: Expression, b: Expression) -> Expression:
-        difference = a - b
-        return b if difference == ZERO else b + Call("step", (condition,)) * difference
-
-    if function == "sat":
-        x, low, high = arguments
-        inner = chosen(high - x, slopes[0], slopes[2])
-        # With constant limits the outer condition is x >= low.
-        condition = x - low if slopes[1] == slopes[2] == ZERO else call("min", x, high) - low
-        return chosen(condition, inner, slopes[1])
-    a, b = arguments
-    return chosen(b - a if function == "min" else a - b, slopes[0], slopes[1])
-
-
-__all__ = ["BALL_FUNCTIONS", "DERIVATIVES", "MINUS_ONE", "branch_derivative", "exact_ball", "fraction_ball", "hull"]
+BALL_FUNCTIONS: dict[str, Ball] = {name: _ball(function) for name, function in LANGUAGE.items()}

@@ -13,7 +13,18 @@ from collections.abc import Mapping
 from fractions import Fraction
 
 from cdobs_cli.exact.budget import WorkError
-from cdobs_cli.exact.expression import MINUS_ONE, ONE, Call, Constant, Expression, ExpressionError, Number, Power, Variable, call, power
+from cdobs_cli.exact.expression import (
+    Constant,
+    Expression,
+    ExpressionError,
+    Number,
+    Power,
+    Variable,
+    power,
+    typed_product,
+)
+from cdobs_cli.exact.language import CHOICE, SUBSTITUTES, applied
+from cdobs_cli.exact.language import TYPED_FUNCTIONS as TYPED_FUNCTIONS
 
 MAX_LENGTH = 2000
 MAX_DEPTH = 100
@@ -21,11 +32,7 @@ MAX_DIGITS = 1000
 MAX_EXPONENT = 64
 MAX_DECIMAL_EXPONENT = 400
 CONSTANTS = ("pi", "e")
-# Name -> numbers of arguments a spec may give it.
-TYPED_FUNCTIONS: dict[str, tuple[int, ...]] = {
-    "sin": (1,), "cos": (1,), "tan": (1,), "tanh": (1,), "sinh": (1,), "cosh": (1,), "exp": (1,), "log": (1,),
-    "sqrt": (1,), "abs": (1,), "min": (2,), "max": (2,), "sat": (1, 3), "monod": (2,), "contois": (3,),
-}  # fmt: skip
+MAX_DENOMINATOR = 10**6
 _NUMBER = re.compile(r"(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\Z", re.ASCII)
 
 
@@ -101,6 +108,8 @@ class _Reader:
             return self.binary(node, depth)
         if isinstance(node, ast.Call):
             return self.call(node, depth)
+        if isinstance(node, ast.IfExp | ast.Compare | ast.BoolOp):
+            raise ExpressionError(CHOICE, node.col_offset)
         raise ExpressionError("only + - * / **, numbers, names and functions are allowed", node.col_offset)
 
     def number(self, node: ast.Constant) -> Fraction:
@@ -120,6 +129,8 @@ class _Reader:
         raise ExpressionError(f"unknown name {node.id!r}{nearest(node.id, allowed)}; known: {', '.join(allowed)}", node.col_offset)
 
     def binary(self, node: ast.BinOp, depth: int) -> Expression:
+        if isinstance(node.op, ast.BitXor):
+            raise ExpressionError("a power is written **, not ^", self.source.index("^", node.left.end_col_offset))
         left = self.read(node.left, depth + 1)
         right = self.read(node.right, depth + 1)
         match node.op:
@@ -128,8 +139,7 @@ class _Reader:
             case ast.Sub():
                 result = left - right
             case ast.Mult():
-                # Not folded when it would hide a variable: definedness is judged on this tree.
-                result = Call("multiply", (left, right)) if left.variables or right.variables else left * right
+                result = typed_product(left, right)
             case ast.Div():
                 result = left / right
             case ast.Pow():
@@ -143,8 +153,9 @@ class _Reader:
     def power(self, base: Expression, exponent: Expression, node: ast.BinOp) -> Expression:
         if not isinstance(exponent, Number):
             raise ExpressionError("an exponent is a rational number, e.g. x**2 or x**(1/2)", node.right.col_offset)
-        if abs(exponent.value) > MAX_EXPONENT or exponent.value.denominator > MAX_EXPONENT:
-            raise ExpressionError(f"an exponent is at most {MAX_EXPONENT} in size", node.right.col_offset)
+        if abs(exponent.value) > MAX_EXPONENT or exponent.value.denominator > MAX_DENOMINATOR:
+            what = f"an exponent p/q is at most {MAX_EXPONENT} in size, with q at most {MAX_DENOMINATOR}"
+            raise ExpressionError(what, node.right.col_offset)
         if base.variables:
             return Power(base, exponent.value)
         return power(base, exponent.value)
@@ -153,18 +164,16 @@ class _Reader:
         name = node.func.id if isinstance(node.func, ast.Name) else None
         if name is None or name not in self.functions:
             shown = name or ast.get_source_segment(self.source, node.func) or "?"
-            raise ExpressionError(
-                f"unknown function {shown!r}{nearest(shown, self.functions)}; known: {', '.join(self.functions)}", node.col_offset
-            )
+            known = f"{nearest(shown, self.functions)}; known: {', '.join(self.functions)}"
+            hint = f": {SUBSTITUTES[shown]}" if shown in SUBSTITUTES else known
+            raise ExpressionError(f"unknown function {shown!r}{hint}", node.col_offset)
         if node.keywords or any(isinstance(argument, ast.Starred) for argument in node.args):
             raise ExpressionError(f"{name} takes plain arguments", node.col_offset)
         if len(node.args) not in self.functions[name]:
             counts = " or ".join(str(count) for count in self.functions[name])
             raise ExpressionError(f"{name} takes {counts} argument(s), got {len(node.args)}", node.col_offset)
         arguments = [self.read(argument, depth + 1) for argument in node.args]
-        if name == "sat" and len(arguments) == 1:
-            arguments += [MINUS_ONE, ONE]
-        return call(name, *arguments)
+        return applied(name, arguments)
 
 
 def read_decimal(text: str, offset: int = 0) -> Fraction:

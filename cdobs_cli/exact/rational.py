@@ -7,17 +7,31 @@ with its own argument brought to this form first. Cancelling may enlarge the set
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from math import comb, inf, lcm
+from math import comb, floor, inf, lcm
 from typing import Any
 
 from flint import Ordering, fmpq, fmpq_mpoly_ctx
 
 from cdobs_cli.exact.budget import forgotten, spend
-from cdobs_cli.exact.expression import MINUS_ONE, ZERO, Call, Constant, Expression, ExpressionError, Number, Power, Variable, call, power
+from cdobs_cli.exact.expression import (
+    MAX_ROOT,
+    MINUS_ONE,
+    ZERO,
+    Call,
+    Constant,
+    Expression,
+    ExpressionError,
+    Number,
+    Power,
+    Variable,
+    call,
+    power,
+)
+from cdobs_cli.exact.language import LANGUAGE
 
 MAX_TERMS = 600
 MAX_DEGREE = 64
@@ -41,7 +55,9 @@ class Quotient:
         """Back to a tree: factored, integer coefficients inside, signs outside."""
         top, bottom = self.ring.factors(self.numerator), self.ring.factors(self.denominator)
         coefficient = top.coefficient / bottom.coefficient
-        factors = list(top.factors)
+        below = [(base, -exponent) for base, exponent in map(_split, bottom.factors)]
+        parts = _joined([*map(_split, top.factors), *below])
+        factors = [power(base, exponent) for base, exponent in parts if exponent > 0]
         if coefficient < 0:
             # a - b rather than -(b - a).
             k = next(
@@ -57,11 +73,25 @@ class Quotient:
         value: Expression = Number(abs(coefficient.numerator))
         for factor in factors:
             value = value * factor
-        below: Expression = Number(coefficient.denominator)
-        for factor in bottom.factors:
-            below = below * factor
-        value = value / below
+        divisor: Expression = Number(coefficient.denominator)
+        for base, exponent in parts:
+            if exponent < 0:
+                divisor = divisor * power(base, -exponent)
+        value = value / divisor
         return -value if coefficient < 0 else value
+
+
+def _split(factor: Expression) -> tuple[Expression, Fraction]:
+    """Base and exponent."""
+    return (factor.base, factor.exponent) if isinstance(factor, Power) else (factor, Fraction(1))
+
+
+def _joined(factors: Iterable[tuple[Expression, Fraction]]) -> list[tuple[Expression, Fraction]]:
+    """A product with the powers of each base put together."""
+    exponents: dict[Expression, Fraction] = {}
+    for base, exponent in factors:
+        exponents[base] = exponents.get(base, Fraction(0)) + exponent
+    return list(exponents.items())
 
 
 def _is_minus(term: Expression) -> bool:
@@ -179,9 +209,9 @@ class Ring:
         for powers, value in polynomial.terms():
             coefficient = _fraction(value)
             term: Expression = Number(abs(coefficient))
-            for generator, exponent in zip(self.generators, powers, strict=False):
-                if exponent:
-                    term = term * _raised(generator, int(exponent))
+            held = [(*_split(one), int(count)) for one, count in zip(self.generators, powers, strict=False) if count]
+            for base, exponent in _joined((base, inner * count) for base, inner, count in held):
+                term = term * power(base, exponent)
             if coefficient > 0:
                 positive = positive + term
             else:
@@ -216,9 +246,8 @@ def _factoring_work(polynomial: Any) -> int:
 
 
 def _raised(generator: Expression, exponent: int) -> Expression:
-    if isinstance(generator, Power):
-        return power(generator.base, generator.exponent * exponent)
-    return power(generator, Fraction(exponent))
+    base, inner = _split(generator)
+    return power(base, inner * exponent)
 
 
 def _fraction(value: fmpq) -> Fraction:
@@ -232,36 +261,20 @@ def quotients(expressions: Sequence[Expression]) -> list[Quotient]:
     """
     prepared = _prepared(expressions)
     generators = _generators(prepared)
-    ring = Ring(generators)
+    ring = Ring(tuple(generators))
     memo: dict[Expression, Quotient] = {}
     one = ring.constant(Fraction(1))
-    for k, generator in enumerate(generators):
+    for k, (generator, degree) in enumerate(generators.items()):
         memo[generator] = Quotient(ring, ring.gens[k], one)
-        if isinstance(generator, Power) and isinstance(generator.base, Variable):
-            # With a root r of a variable about, r is the generator: v = r^q, v^(1/d) = r^(q/d).
-            degree = generator.exponent.denominator
-            for part in (divisor for divisor in range(1, degree + 1) if degree % divisor == 0):
-                root = power(generator.base, Fraction(1, part))
-                memo[root] = Quotient(ring, ring.gens[k] ** (degree // part), one)
+        # With a root r of a variable about, r is the generator: v = r^q, v^(1/d) = r^(q/d).
+        for part in (divisor for divisor in range(1, degree) if degree % divisor == 0):
+            root = power(generator.children[0], Fraction(1, part))
+            memo[root] = Quotient(ring, ring.gens[k] ** (degree // part), one)
     for expression in prepared:
-        for node in _outside(expression, memo):
+        for node in expression.walk(memo):
             spend(3)
             memo[node] = _quotient(node, memo, ring)
     return [memo[expression] for expression in prepared]
-
-
-def _outside(expression: Expression, done: Mapping[Expression, Quotient]) -> Iterator[Expression]:
-    """Nodes without a form yet, children first; what is inside a generator is not visited."""
-    stack = [(expression, False)]
-    while stack:
-        node, ready = stack.pop()
-        if node in done:
-            continue
-        if ready:
-            yield node
-        else:
-            stack.append((node, True))
-            stack.extend((child, False) for child in node.children)
 
 
 def _quotient(node: Expression, memo: Mapping[Expression, Quotient], ring: Ring) -> Quotient:
@@ -278,27 +291,18 @@ def _prepared(expressions: Sequence[Expression]) -> list[Expression]:
     """Trees of + * / and integer powers over generators, whose arguments are in canonical form."""
     memo: dict[Expression, Expression] = {}
     for expression in expressions:
-        for node in expression.walk():
-            if node in memo:
-                continue
+        for node in expression.walk(memo):
             spend(3)
             if isinstance(node, Variable | Constant):
                 memo[node] = node
             elif isinstance(node, Power):
-                base = memo[node.base]
-                if node.exponent.denominator > 1:
-                    base = Power(simplify(base), Fraction(1, node.exponent.denominator))
-                memo[node] = power(base, Fraction(node.exponent.numerator))
+                memo[node] = _prepared_power(memo[node.base], node.exponent)
             elif isinstance(node, Call):
                 children = tuple(memo[child] for child in node.children)
                 if node.function in ("add", "multiply", "divide"):
                     memo[node] = call(node.function, *children)
                 elif node.function == "sqrt":
                     memo[node] = Power(simplify(children[0]), Fraction(1, 2))
-                elif node.function == "monod":
-                    memo[node] = children[0] / (children[1] + children[0])
-                elif node.function == "contois":
-                    memo[node] = children[0] / (children[2] * children[1] + children[0])
                 else:
                     memo[node] = _undone(call(node.function, *(simplify(child) for child in children)))
             else:
@@ -306,11 +310,21 @@ def _prepared(expressions: Sequence[Expression]) -> list[Expression]:
     return [memo[expression] for expression in expressions]
 
 
+def _prepared_power(base: Expression, exponent: Fraction) -> Expression:
+    """A power of a root r of the base; what is no root is a generator itself, once whole powers are taken out."""
+    if exponent.denominator == 1:
+        return power(base, exponent)
+    if exponent.denominator <= MAX_ROOT:
+        return power(Power(simplify(base), Fraction(1, exponent.denominator)), Fraction(exponent.numerator))
+    whole = Fraction(floor(exponent))
+    return power(base, whole) * Power(simplify(base), exponent - whole)
+
+
 def _undone(node: Expression) -> Expression:
-    """exp(log(x)) and log(exp(x)) as x."""
-    if isinstance(node, Call) and node.function in ("exp", "log"):
+    """f(g(x)) as x where f undoes g."""
+    if isinstance(node, Call) and node.function in LANGUAGE and LANGUAGE[node.function].undoes:
         (inner,) = node.children
-        if isinstance(inner, Call) and {node.function, inner.function} == {"exp", "log"}:
+        if isinstance(inner, Call) and inner.function == LANGUAGE[node.function].undoes:
             return inner.children[0]
     return node
 
@@ -322,8 +336,8 @@ def _is_generator(node: Expression) -> bool:
     return not isinstance(node, Number) and not (isinstance(node, Call) and node.function in ("add", "multiply", "divide"))
 
 
-def _generators(expressions: Sequence[Expression]) -> list[Expression]:
-    """The generators of trees prepared by `_prepared`; a variable under a root is held by the root."""
+def _generators(expressions: Sequence[Expression]) -> dict[Expression, int]:
+    """The generators of trees prepared by `_prepared`: each with d where it is v^(1/d), for all roots of v; else 1."""
     used: dict[Expression, None] = {}
     seen: set[Expression] = set()
     stack = list(expressions)
@@ -336,13 +350,14 @@ def _generators(expressions: Sequence[Expression]) -> list[Expression]:
             used[node] = None
         else:
             stack.extend(node.children)
+    powers = [node for node in used if isinstance(node, Power) and isinstance(node.base, Variable)]
+    roots = [node for node in powers if node.exponent.denominator <= MAX_ROOT]
     degrees: dict[Expression, int] = {}
-    for node in used:
-        if isinstance(node, Power) and isinstance(node.base, Variable):
-            degrees[node.base] = lcm(degrees.get(node.base, 1), node.exponent.denominator)
-    merged = {Power(base, Fraction(1, degree)): None for base, degree in degrees.items()}
-    used = {node: None for node in used if not (node in degrees or (isinstance(node, Power) and node.base in degrees))} | merged
-    return sorted(used, key=lambda node: (not isinstance(node, Variable), str(node)))
+    for node in roots:
+        degrees[node.base] = lcm(degrees.get(node.base, 1), node.exponent.denominator)
+    found = dict.fromkeys(used.keys() - degrees.keys() - set(roots), 1)
+    found |= {Power(base, Fraction(1, degree)): degree for base, degree in degrees.items()}
+    return dict(sorted(found.items(), key=lambda one: (not isinstance(one[0], Variable), str(one[0]))))
 
 
 @lru_cache(maxsize=4096)  # arguments of nested functions come back at every level

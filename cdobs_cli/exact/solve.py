@@ -6,9 +6,11 @@ from collections.abc import Collection, Mapping, Sequence
 from fractions import Fraction
 
 from cdobs_cli.exact.expression import ZERO, Call, Expression, ExpressionError, Number, Power, Variable, call, power
+from cdobs_cli.exact.language import LANGUAGE
 from cdobs_cli.exact.rational import TooLargeError, quotients, simplify
 
-_INVERSES = {"exp": "log", "log": "exp"}
+# f(x) = v gives x = g(v), where g undoes f.
+_INVERSES = {function.undoes: name for name, function in LANGUAGE.items() if function.undoes}
 
 
 def solve(equations: Sequence[Expression], unknowns: Sequence[str], nonnegative: Collection[str] = ()) -> dict[str, Expression] | None:

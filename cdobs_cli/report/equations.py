@@ -9,7 +9,8 @@ from decimal import ROUND_DOWN, Context, Decimal
 from fractions import Fraction
 from html import escape
 
-from cdobs_cli.exact.expression import MINUS_ONE, Call, Constant, Expression, Number, Power, Variable
+from cdobs_cli.exact.expression import MAX_ROOT, MINUS_ONE, Call, Constant, Expression, Number, Power, Variable
+from cdobs_cli.exact.language import LANGUAGE
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text, plain_decimal
 
 # A longer formula is named by its size: nobody reads it, and sharing inside a tree can make it exponentially long.
@@ -27,7 +28,7 @@ _UPPER = ("Gamma", "Delta", "Theta", "Lambda", "Xi", "Pi", "Sigma", "Upsilon", "
 GREEK = dict(zip((*_LOWER, *_UPPER), "αβγδεζηθικλμνξοπρστυφχψωΓΔΘΛΞΠΣΥΦΨΩ", strict=True))
 _LATEX_SYMBOLS = {"·": r"\cdot", "−": "-", "∈": r"\in", "≤": r"\le", "≥": r"\ge", "…": r"\dots", "→": r"\to"}
 _ACCENTS = {"hat": "hat", "lower": "underline", "upper": "overline"}
-_NAMED_FUNCTIONS = frozenset({"sin", "cos", "tan", "tanh", "sinh", "cosh", "exp", "log", "min", "max"})
+_OPERATORS = frozenset(one.typeset[1:].partition("_")[0] for one in LANGUAGE.values() if one.typeset.startswith("\\"))
 
 
 @dataclass(frozen=True)
@@ -275,17 +276,22 @@ def _atom(node: Expression) -> Formula:
 
 
 def _power(base: Expression, exponent: Fraction) -> Formula:
-    above = _sum(Number(exponent)) if exponent.denominator == 1 else Words(str(exponent))
+    above = Words(str(exponent)) if 1 < exponent.denominator <= MAX_ROOT else _sum(Number(exponent))
     if exponent == Fraction(1, 2):
         return Root(_sum(base))
-    if isinstance(base, Call) and base.function in _NAMED_FUNCTIONS and exponent.denominator == 1 and exponent > 1:
-        return applied(Script(Symbol(base.function), None, above), _list(base.children))
+    named = isinstance(base, Call) and LANGUAGE[base.function].typeset.startswith("\\")
+    if isinstance(base, Call) and named and exponent.denominator == 1 and exponent > 1:
+        return applied(_raised(_name(base), above), _list(base.children))
     if isinstance(base, Variable | Constant) or (isinstance(base, Number) and base.value >= 0 and base.value.denominator == 1):
-        inner = _atom(base)
-        if isinstance(inner, Script) and inner.above is None:
-            return Script(inner.base, inner.below, above)
-        return Script(inner, None, above)
+        return _raised(_atom(base), above)
     return Script(_fence(_sum(base)), None, above)
+
+
+def _raised(base: Formula, above: Formula) -> Formula:
+    """base to the power above, behind the index it may have."""
+    if isinstance(base, Script) and base.above is None:
+        return Script(base.base, base.below, above)
+    return Script(base, None, above)
 
 
 def _list(arguments: Sequence[Expression]) -> Formula:
@@ -308,17 +314,16 @@ def _function(node: Call) -> Formula:
             return Fenced("|", _sum(a[0]), "|")
         case "exp":
             return Script(Symbol("e"), None, _sum(a[0]))
-        case "monod":
-            return Ratio(_sum(a[0]), _sum(a[1] + a[0]))
-        case "contois":
-            return Ratio(_sum(a[0]), _sum(a[2] * a[1] + a[0]))
         case "sat":
             limits = Fenced("[", Row((_sum(a[1]), Operator(","), _sum(a[2]))), "]")
-            return applied(Script(Symbol("sat"), limits), _sum(a[0]))
-        case "sign" | "step" as name:
-            return applied(Symbol({"sign": "sgn", "step": "step"}[name]), _sum(a[0]))
-        case name:
-            return applied(Symbol(name), _list(a))
+            return applied(Script(_name(node), limits), _sum(a[0]))
+    return applied(_name(node), _list(a))
+
+
+def _name(node: Call) -> Formula:
+    """The function's name, with its index."""
+    name, _, index = LANGUAGE[node.function].typeset.lstrip("\\").partition("_")
+    return Script(Symbol(name), Digits(index)) if index else Symbol(name)
 
 
 # ---------------------------------------------------------------- LaTeX
@@ -358,7 +363,7 @@ def latex(piece: Formula) -> str:
 def _latex_name(name: str) -> str:
     if name in GREEK and name != "omicron":
         return f"\\{name}"
-    if name in _NAMED_FUNCTIONS:
+    if name in _OPERATORS:
         return f"\\{name}"
     return name if len(name) == 1 else rf"\mathrm{{{_latex_text(name)}}}"
 

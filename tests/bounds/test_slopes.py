@@ -2,10 +2,12 @@
 
 from fractions import Fraction
 
+import numpy as np
 import pytest
 from slope_plants import make_plant
 
 from cdobs_cli.bounds.slopes import resolve, slope_claims
+from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.exact.numbers import Exact
 
 
@@ -136,6 +138,33 @@ def test_unbounded_domains_by_periods_tails_and_kinks(phi, low, high):
     assert high - 1e-4 <= proved[1] <= high + room
 
 
+@pytest.mark.parametrize(
+    ("phi", "box", "low", "high"),
+    [
+        ("sin(1.3*atan(10*a))", {"a": ("-5", "5")}, -0.1267, 13),  # the tyre formula
+        ("sin(1.3*atan(10*a))", {"a": ("0.1", "5")}, -0.1267, 3.3949),
+        ("a**1.852", {"a": ("0", "2")}, 0, 3.3429),  # friction in pipes
+        ("a*abs(a)**0.852", {"a": ("-1", "2")}, 0, 3.3429),
+        ("0.3*a**1.37", {"a": ("0.1", "5")}, 0.1754, 0.7456),
+        ("log10(a) + asin(a/2)", {"a": ("0.1", "1")}, 1.0116, 4.8436),
+        ("atan2(a, b)", {"a": ("-1", "2"), "b": ("1", "2")}, 0.2, 1),
+        ("monod(a, 0.5)", {"a": ("0", None)}, 0, 2),
+    ],
+)
+def test_automatic_slopes_hold_every_sample_and_little_more(phi, box, low, high):
+    plant = make_plant(["a", "b"], ["0", phi], box=box, auto=[(1, 0)])
+    (ends,) = resolve(plant)[1].values()
+    proved = [float(value) for value in ends]
+    a = np.linspace(float(box["a"][0]), float(box["a"][1] or 1e3), 20_001)
+    b = np.linspace(*map(float, box.get("b", ("1", "1"))), 11)
+    with np.errstate(all="ignore"):
+        (values,) = compile_floats([plant.phi[1].derivative("a")], ["a", "b"], arrays=True)(a[:, None], b)
+    values = values[np.isfinite(values)]
+    assert proved[0] <= values.min() + 1e-12 and values.max() - 1e-12 <= proved[1]
+    room = 0.003 * (high - low)
+    assert proved == pytest.approx([low, high], abs=room)
+
+
 def test_an_unbounded_slope_has_no_automatic_bound():
     resolved, found = resolve(make_plant(["a", "b"], ["0", "a**2 + sin(b)"], auto=[(1, 0), (1, 1)]))
     assert found == {"2.2": ("-1", "1")}
@@ -155,6 +184,18 @@ def test_an_unbounded_slope_has_no_automatic_bound():
         ("1/(a**2 - 2)", {"a": ("1", "2")}, "refuted"),
         ("tan(a)", {"a": ("-1.57", "1.57")}, "proved"),
         ("tan(a)", {"a": ("-1.58", "1.58")}, "refuted"),
+        ("a**1.37", {"a": ("0", "1")}, "proved"),
+        ("a**1.37", {"a": ("-0.1", "1")}, "refuted"),
+        ("a**(-0.37)", {"a": ("0", "1")}, "refuted"),
+        ("asin(a)", {"a": ("-1", "1")}, "proved"),
+        ("acos(a)", {"a": ("-1", "1.001")}, "refuted"),
+        ("log10(a)", {"a": ("0.1", "1")}, "proved"),
+        ("ln(a)", {"a": ("0", "1")}, "refuted"),
+        ("atan2(a, b)", {"a": ("-1", "1"), "b": ("0.1", "1")}, "proved"),
+        ("atan2(a, b)", {"a": ("0.1", "1"), "b": ("-1", "1")}, "proved"),
+        ("atan2(a, b)", {"a": ("-1", "1"), "b": ("-1", "1")}, "refuted"),
+        ("atan2(a, b)", {"a": ("-2", "1"), "b": ("-2", "-1")}, "refuted"),
+        ("atan2(a, b)", {}, "refuted"),
     ],
 )
 def test_definedness_is_judged_on_the_typed_expression(phi, box, expected):

@@ -13,7 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cdobs_cli.exact.compiled import compile_floats
-from cdobs_cli.exact.expression import Expression, ExpressionError, Number
+from cdobs_cli.exact.expression import Expression, ExpressionError, Number, call
+from cdobs_cli.exact.functions import BALL_FUNCTIONS
+from cdobs_cli.exact.language import LANGUAGE, Function
 from cdobs_cli.exact.parser import parse
 
 NAMES = frozenset({"x", "y"})
@@ -51,6 +53,54 @@ def test_everything_else_is_refused_quickly(text: str) -> None:
     assert time.perf_counter() - start < 1.0
 
 
+@pytest.mark.parametrize(
+    ("text", "message", "offset"),
+    [
+        ("-x^2", "a power is written **, not ^", 2),
+        ("(x + 1)^(y)", "a power is written **, not ^", 7),
+        ("-0.5*sign(x)", "unknown function 'sign': a jump has no slope bound, write tanh(k*x) or sat(k*x)", 5),
+        ("-x if x > 1 else 0", "a choice may jump, write min, max or sat", 0),
+        ("(x > 1)*y", "a choice may jump, write min, max or sat", 1),
+        ("table(x, [[0, 1]])", "unknown function 'table': write a polynomial, or a sum of max, min and sat pieces", 0),
+        ("y*hypot(x, y)", "unknown function 'hypot': write sqrt(x**2 + y**2)", 2),
+        ("arctan(x)", "unknown function 'arctan', did you mean 'atan'?; known: ", 0),
+        ("log11(x)", "unknown function 'log11', did you mean 'log10'?; known: ", 0),
+        ("x**64.1", "an exponent p/q is at most 64 in size, with q at most 1000000", 3),
+        ("x**1.0000001", "an exponent p/q is at most 64 in size, with q at most 1000000", 3),
+        ("x**(1/1000003)", "an exponent p/q is at most 64 in size, with q at most 1000000", 4),
+    ],
+)
+def test_refusals_name_a_substitute_and_the_place(text: str, message: str, offset: int) -> None:
+    with pytest.raises(ExpressionError) as refused:
+        parse(text, NAMES)
+    assert str(refused.value).startswith(message)
+    assert refused.value.offset == offset
+
+
+@pytest.mark.parametrize(
+    ("text", "same"),
+    [
+        ("ln(x)", "log(x)"), ("sat(x)", "sat(x, -1, 1)"),
+        ("monod(x, y)", "x/(y + x)"), ("contois(x, y, 2)", "x/(2*y + x)"),
+        ("x**1.852", "x**(463/250)"), ("x**(-0.148)", "x**(-37/250)"),
+        ("x**63.999999", "x**(63999999/1000000)"), ("x**1.5", "x**(3/2)"),
+    ],
+)  # fmt: skip
+def test_what_is_short_for_something(text: str, same: str) -> None:
+    assert parse(text, NAMES) == parse(same, NAMES) == parse(str(parse(text, NAMES)), NAMES)
+
+
+def test_a_macro_hides_no_variable() -> None:
+    assert parse("contois(x, 0, 1/y)", NAMES).variables == NAMES
+
+
+@pytest.mark.parametrize("function", [one for one in LANGUAGE.values() if one.values], ids=lambda one: one.name)
+def test_what_folds_to_a_number_is_that_number(function: Function) -> None:
+    for at, value in (function.values or {}).items():
+        assert call(function.name, Number(at)) == Number(value)
+        assert abs(BALL_FUNCTIONS[function.name](arb(at)) - value) < 1e-30
+
+
 @settings(max_examples=300, deadline=None)
 @given(st.text(alphabet="xy0123456789.+-*/()e, sincoexplgqrtabm", max_size=60))
 def test_any_text_is_read_or_refused(text: str) -> None:
@@ -64,7 +114,8 @@ def test_any_text_is_read_or_refused(text: str) -> None:
 SAMPLES = [
     "sin(x)*cos(y)", "x**3 - 2*x*y + 1/(1 + y**2)", "exp(-x**2)/(2 + sin(y))", "tanh(x + y)*sqrt(1 + x**2)", "log(3 + x)*cosh(y)",
     "monod(1 + x**2, 2)", "contois(1 + x**2, 2 + y, 0.5)", "abs(x)*sat(y, -0.5, 0.7)", "max(x, y) + min(x, 0.2)", "x - (y - x) - (x*(y/3))",
-    "tan(x/4)", "sinh(x)*(2 + y)**(3/2)", "-(x - y)**2", "x/(y + 3)/2",
+    "tan(x/4)",
+    "atan2(x, 2 + y)*log10(3 + x)", "asin(x*y)*(2 + y)**1.852", "sinh(x)*(2 + y)**(3/2)", "-(x - y)**2", "x/(y + 3)/2",
 ]  # fmt: skip
 
 
