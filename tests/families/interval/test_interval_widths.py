@@ -52,6 +52,8 @@ def test_bounds_that_lose_the_state_have_no_final_width_even_where_they_settle()
     check = checked(scalar(periodic("1.35")), Gain(S=[[1]], L=[["1.4"]]))
     assert check.claim("positivity").status == "refuted" and check.claim("boundedness").status == "proved"
     assert "final_width" not in check.bounds and check.verdict == "refuted"
+    cut = checked(scalar(periodic("1.35")), Gain(S=[[1]], L=[["1.4"]]), tighten="intersect")
+    assert cut.claim("boundedness").status == "undecided" and "final_width" not in cut.bounds  # a cut is no linear map
 
 
 def test_a_hurwitz_matrix_alone_gives_no_width_beyond_the_orthant():
