@@ -144,5 +144,5 @@ def test_the_first_column_to_fail_decides():
 
 def test_an_entry_that_grows_with_another_may_fail_first():
     """x2 grows at once and lifts x1 only late: x1 is not taken to grow for ever while it still falls."""
-    found = limit(exact([["0", "0.001"], ["0", "1"]], [[1, 0]], [[1, 0], [0, 1]], [["2"], ["0"]]))
+    found = limit(exact([["0", "1e-9"], ["1", "1"]], [[1, 0]], [[1, 0], [0, 1]], [["2"], ["0"]]))
     bracket_holds(found, 0.5)
