@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cdobs_cli.errors import INTERRUPTED, ArtefactError, CdobsError, ExitCode, Problem, SpecError, ToolError, UsageError
-from cdobs_cli.outcome import Message, Result, exit_code, failure, judged, readable
+from cdobs_cli.exact.budget import WorkError
+from cdobs_cli.outcome import Job, Message, Result, exit_code, failure, judged, readable
 from cdobs_cli.printable import lines
 
 if TYPE_CHECKING:
@@ -25,15 +26,6 @@ if TYPE_CHECKING:
 Tell = Callable[[Result], None]
 SPEC_SUFFIXES = (".yaml", ".yml")
 PLANT_SUFFIXES = (".plant.yaml", ".plant.yml")
-
-
-@dataclass(frozen=True)
-class Job:
-    """One spec and the folder of its artefacts; or a path that cannot be carried out, and why."""
-
-    spec: Path
-    folder: Path
-    refused: str | None = None
 
 
 @dataclass(frozen=True)
@@ -105,6 +97,8 @@ def run(job: Job, stages: tuple[str, ...], settings: Settings, tell: Tell | None
         result = Result(str(job.spec), "invalid", tuple(Message.from_problem(problem) for problem in error.problems))
     except ArtefactError as error:
         result = Result(str(job.spec), "invalid", (Message("error", str(error), str(job.spec), rule="artefact"),))
+    except WorkError as error:  # not a mistake that reading could tell, and nothing was decided
+        result = Result(str(job.spec), "finding", (Message("error", f"undecided: {error}", str(job.spec), rule="work"),))
     except CdobsError as error:
         result = failure(str(job.spec), str(error))
     except OSError as error:

@@ -14,12 +14,10 @@ from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Any, Protocol
 
-from cdobs_cli.outcome import Result, cut_short, failure
+from cdobs_cli.outcome import Job, Result, cut_short, failure
 
 if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
-
-    from cdobs_cli.batch import Job
 
 GRACE = 2.0  # seconds between asking a process to end and killing it
 LONGEST = 86_400.0  # seconds that one wait may take; longer limits wait again

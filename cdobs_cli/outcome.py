@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Literal
 
 from cdobs_cli.errors import ExitCode, Problem
@@ -16,6 +17,15 @@ EXIT_CODES: dict[ResultStatus, ExitCode] = {
     "invalid": ExitCode.INVALID,
     "failed": ExitCode.FAILED,
 }
+
+
+@dataclass(frozen=True)
+class Job:
+    """One spec and the folder of its artefacts; or a path that cannot be carried out, and why."""
+
+    spec: Path
+    folder: Path
+    refused: str | None = None
 
 
 @dataclass(frozen=True)

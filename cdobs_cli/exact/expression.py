@@ -359,7 +359,10 @@ def _text(node: Expression, level: int) -> str:
         return f"({text})" if level > 3 else text
     assert isinstance(node, Call)
     if node.function not in _INFIX:
-        return f"{node.function}({', '.join(_text(child, 0) for child in node.children)})"
+        arguments = []
+        for child in node.children:  # no generator: it would take a frame of its own at each level
+            arguments.append(_text(child, 0))
+        return f"{node.function}({', '.join(arguments)})"
     sign, own = _INFIX[node.function]
     left, right = node.children
     if node.function == "multiply" and left == MINUS_ONE:

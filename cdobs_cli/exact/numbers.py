@@ -162,12 +162,12 @@ def arb_fraction(value: arb) -> Fraction:
 
 
 def lower_text(value: arb, digits: int = 12) -> str:
-    """A decimal not above any point of the ball; `-inf` where it is unbounded."""
+    """A decimal not above any point of the ball; `-inf` where it is unbounded, `inf` for infinity itself."""
     return _directed(value.lower(), digits, ROUND_FLOOR, "-inf")
 
 
 def upper_text(value: arb, digits: int = 12) -> str:
-    """A decimal not below any point of the ball; `inf` where it is unbounded."""
+    """A decimal not below any point of the ball; `inf` where it is unbounded, `-inf` for minus infinity itself."""
     return _directed(value.upper(), digits, ROUND_CEILING, "inf")
 
 
@@ -193,6 +193,8 @@ def clipped(end: arb, *, up: bool) -> Fraction | None:
 
 
 def _directed(end: arb, digits: int, rounding: str, unbounded: str) -> str:
+    if not end.is_finite() and (end > 0 or end < 0):  # infinity itself, not an end that is not known
+        return "inf" if end > 0 else "-inf"
     exact = clipped(end, up=rounding == ROUND_CEILING) if end.is_finite() else None
     if exact is None:
         return unbounded

@@ -9,7 +9,7 @@ from pydantic import Discriminator, Tag
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact
-from cdobs_cli.families.fields import (
+from cdobs_cli.fields import (
     NonNegativeNumber,
     PositiveNumber,
     Rows,

@@ -11,7 +11,7 @@ from cdobs_cli.errors import Problem
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.exact.parser import nearest
-from cdobs_cli.families.fields import (
+from cdobs_cli.fields import (
     Rows,
     formula,
     sized,

@@ -11,7 +11,7 @@ from cdobs_cli.errors import Problem
 from cdobs_cli.exact.expression import Call, Expression, Number, Variable
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.exact.parser import TYPED_FUNCTIONS, nearest
-from cdobs_cli.families.fields import PositiveNumber, Vector, formula, sized
+from cdobs_cli.fields import PositiveNumber, Vector, formula, sized
 from cdobs_cli.plant import SamplingLaw
 from cdobs_cli.run import SimulationPlan
 from cdobs_cli.spec.block import Block

@@ -146,8 +146,10 @@ def test_what_cannot_be_detected_has_no_design_and_a_reason(p):
         design, check = run(Reachability(method=method), p)
         assert design.outcome == "none"
         assert "not detectable" in design.reason
-        assert check.verdict == "undecided"
-        assert "not detectable" in check.claim("convergence").statement
+        assert check.verdict == "refuted"
+        convergence = check.claim("convergence")
+        assert "not detectable" in convergence.statement
+        assert convergence.witness.kind == "vector"
 
 
 def test_an_oscillator_sampled_off_the_half_turn_has_one():
