@@ -210,6 +210,22 @@ def test_a_cone_that_a_cut_leaves_is_not_believed_where_rows_are_cut():
     assert analysis(lagging(up_to("0.7")), rows(*FITTING), "intersect").cone is not None
 
 
+def test_what_a_longer_cone_says_of_the_period_is_what_is_proved_of_it():
+    """Enclosed only, or for a shorter period than the law's own: `period_max` takes neither for more."""
+    at, family = lagging(up_to("0.7")), Interval(gain=GAIN)
+    design = family.synthesize(at, 0)
+
+    def with_frontier(law, **changes):
+        own = [c for c in design.certificates if c.method != "cone_frontier"]
+        kept = next(c for c in design.certificates if c.method == "cone_frontier")
+        return replace(design, certificates=(*own, replace(kept, sampling=law or kept.sampling, data=kept.data | changes)))
+
+    loose = Analysis(family, at, with_frontier(None, unit=None, omega=None), 0)
+    assert len(loose.enclosed_by_cones()) == 2 and loose.enclosed_by_cones(bounded=True) == [Exact("0.7")]
+    short = family.certify(at, with_frontier(up_to("0.6")), 0)
+    assert float(short.bounds["period_max"].proved) == pytest.approx(0.7) and short.verdict == "proved"
+
+
 def system(A, C, S, L, cut=()):
     z = exact(A, C, S, L)
     return ErrorSystem.of(z, Matrix.zeros(len(A), 1), Matrix.zeros(len(C), 1), cut)

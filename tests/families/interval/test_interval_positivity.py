@@ -6,6 +6,8 @@ from math import exp, log
 import numpy as np
 import pytest
 from interval_plants import PENDULUM, SCALAR, exact, floats
+from scipy.linalg import expm
+from scipy.optimize import brentq
 
 from cdobs_cli.certify.falsify import exponentials
 from cdobs_cli.exact.functions import fraction_ball
@@ -143,6 +145,7 @@ def test_the_first_column_to_fail_decides():
 
 
 def test_an_entry_that_grows_with_another_may_fail_first():
-    """x2 grows at once and lifts x1 only late: x1 is not taken to grow for ever while it still falls."""
-    found = limit(exact([["0", "0.001"], ["0", "1"]], [[1, 0]], [[1, 0], [0, 1]], [["2"], ["0"]]))
-    bracket_holds(found, 0.5)
+    """x2 grows at once and lifts x1 beyond 5/8: x1 is not taken to grow for ever while it still falls."""
+    found = limit(exact([["0", "1.6"], ["1", "1"]], [[1, 0]], [[1, 0], [0, 1]], [["2"], ["0"]]))
+    flow = np.array([[0, 1.6, -2], [1, 1, 0], [0, 0, 0]])
+    bracket_holds(found, brentq(lambda s: expm(flow * s)[0] @ [1, 0, 1], 0.6, 0.65))

@@ -243,3 +243,11 @@ def test_what_is_no_witness_of_a_hurwitz_matrix_proves_nothing(Mtot, w_star):
 def test_the_rate_of_a_witness_is_that_of_its_slowest_row():
     assert prove_hurwitz(Matrix.from_rows([[-3, 0], [0, -2]]), Matrix.from_rows([[1], [1]])) == 2
     assert prove_hurwitz(Matrix.from_rows([[-2, 0], [0, -3]]), Matrix.from_rows([[1], [1]])) == 2
+
+
+def test_the_final_width_of_x_takes_every_part_of_z_for_its_worst():
+    """S^-1 = [1 0; -1 1]: x2 = z2 - z1 is as uncertain as both together."""
+    z = exact([["1.5", "1.5"], ["-1.6", "-1.6"]], [[1, 0]], [[1, 0], [1, 1]], [[2], [-2]])
+    w = np.linalg.solve([[2, -1.5], [0, 0.1]], [1 + 2 * 0.2, 1 + 1])
+    width = final_width(z, width_of(z), Matrix.from_rows([[1], [1]]), Matrix.from_rows([[Fraction(1, 5)]]))
+    assert np.allclose(width.floats.ravel(), [w[0], w[0] + w[1]])

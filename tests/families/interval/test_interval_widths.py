@@ -16,7 +16,7 @@ from cdobs_cli.families.interval import Feedback, Gain, Interval
 from cdobs_cli.families.interval.analysis import Analysis, declared_widths
 from cdobs_cli.families.interval.hull import prove_hull
 from cdobs_cli.families.interval.intersect import intersected_width
-from cdobs_cli.families.interval.sampled_width import refute_width, width_contracts
+from cdobs_cli.families.interval.sampled_width import refute_width, width_contracts, width_growth
 from cdobs_cli.families.interval.theorems import Coordinates, width_matrix
 from cdobs_cli.families.interval.widths import comparison, plain_width
 from cdobs_cli.sampling import SamplingLaw
@@ -44,6 +44,8 @@ def test_a_width_that_diverges_has_no_final_value(tighten):
         claim = check.claim("boundedness")
         assert check.verdict == "refuted" and claim.status == "refuted"
         assert float(claim.witness.multiplier) == pytest.approx(10 * (1 - exp(-1)) - exp(-1), rel=1e-9)
+    else:
+        assert check.claim("boundedness").status == "undecided"  # a cut is no linear map
     assert float(check.bounds["period_max"].proved) == pytest.approx(np.log(1.1), rel=1e-6)
 
 
@@ -52,6 +54,8 @@ def test_bounds_that_lose_the_state_have_no_final_width_even_where_they_settle()
     check = checked(scalar(periodic("1.35")), Gain(S=[[1]], L=[["1.4"]]))
     assert check.claim("positivity").status == "refuted" and check.claim("boundedness").status == "proved"
     assert "final_width" not in check.bounds and check.verdict == "refuted"
+    cut = checked(scalar(periodic("1.35")), Gain(S=[[1]], L=[["1.4"]]), tighten="intersect")
+    assert cut.claim("boundedness").status == "undecided" and "final_width" not in cut.bounds  # a cut is no linear map
 
 
 def test_a_hurwitz_matrix_alone_gives_no_width_beyond_the_orthant():
@@ -98,6 +102,22 @@ def test_contraction_of_random_widths(seed):
     if abs(largest) > 0.02:
         proved = width_contracts(a.z.Q0, a.Mtot, ExactMatrix([["1"], [f"{w[1]:.15f}"]]).balls(), at.sampling)
         assert proved == (largest < 0)
+
+
+def test_the_map_of_the_width_takes_couplings_by_their_size():
+    Q0, Q1, s = np.array([[-1.0, -2.0], [0.5, 0.3]]), np.array([[-1.0, 0.0], [0.4, 0.0]]), 0.7
+    F = np.array([[-1.0, 2.0], [0.5, 0.3]])
+    both = expm(np.block([[F, np.eye(2)], [np.zeros((2, 4))]]) * s)
+    Phi = width_growth(
+        Matrix.from_floats(Q0), width_matrix(Matrix.from_floats(Q0), Matrix.from_floats(Q1)), Matrix.from_floats([[s]]).balls()[0, 0]
+    )
+    assert np.allclose(np.eye(2) + s * Phi.floats, both[:2, :2] + both[:2, 2:] @ Q1)
+
+
+def test_with_the_hull_predictor_no_run_of_other_bounds_is_told():
+    check = checked(scalar(periodic("1.5")), Gain(S=[[1]], L=[["1.4"]]), tighten="hull")
+    claim = check.claim("positivity")
+    assert claim.status == "undecided" and claim.witness is None and claim.statement.startswith("without the hull predictor")
 
 
 def test_a_width_whose_boxes_span_no_direction_is_not_refuted():
