@@ -3,10 +3,10 @@
 from fractions import Fraction
 
 import pytest
-from cdobs_cli.certify.reduction import pieces
-from cdobs_cli.certify.region import Region
-from cdobs_cli.certify.slopes import automatic
 
+from cdobs_cli.bounds.reduction import pieces
+from cdobs_cli.bounds.region import Region
+from cdobs_cli.bounds.slopes import automatic
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.exact.parser import parse
