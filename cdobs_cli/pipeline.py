@@ -229,7 +229,7 @@ def _of_design(work: Work, design: Design, make: Callable[[Work, Design], T]) ->
 def _certify(work: Work, design: Design) -> Check:
     from cdobs_cli.bounds.estimate import confinement_claim
     from cdobs_cli.bounds.slopes import resolve, slope_claims, unbounded_claims
-    from cdobs_cli.certify.conditions import confined_bounds, with_conditions
+    from cdobs_cli.certify.conditions import proved_of_the_plant, with_conditions
 
     family = work.spec.observer
     if work.spec.plant.slopes.auto and not design.slopes:
@@ -245,7 +245,8 @@ def _certify(work: Work, design: Design) -> Check:
         premises = work.spec.coordinates.premises(premises)
     domain = work.spec.typed.domain if work.spec.typed else plant.domain
     claims = with_conditions((*premises, *made.claims), plant, design.estimate, domain, disturbed=family.disturbed)
-    return Check(claims, confined_bounds(made.bounds, design.sampling, design.estimate))
+    judged = Check(claims, made.bounds)
+    return replace(judged, bounds=proved_of_the_plant(judged, design.sampling, design.estimate))
 
 
 def simulate(work: Work) -> dict[str, Any] | None:

@@ -108,3 +108,35 @@ def test_slopes_without_a_bound_are_told_at_their_line(tmp_path: Path) -> None:
     message = next(message for message in made.messages if message.rule == "slopes.1.1")
     assert message.line == 6
     assert "no bound of d phi_1/d x = 2 * x was proved; declare a smaller domain of x" in message.text
+
+
+KINKED = """\
+spec_version: 1
+plant:
+  states: [x1, x2]
+  A: [[0, 1], [0, 0]]
+  phi: ["0", "20*max(0, x1 - 0.1)"]
+  lipschitz: {slopes}
+  domain: {{x1: [-1, 1], x2: [-1, 1], where: ["x1 <= 0"]}}
+measurement: {{C: [[1, 0]], sampling: {{updated: true}}}}
+observer: {{family: updated_sampling}}
+"""
+
+
+@pytest.mark.parametrize("slopes", ["auto", "[[0, 0], [0, 0]]"])
+def test_slopes_that_only_the_cut_estimate_meets_are_not_forgotten(tmp_path: Path, slopes: str) -> None:
+    """x = (-0.3, 0) rests inside the limits; x_hat = (0.9, 0.9) is cut to the box, where the slope is 20."""
+    (tmp_path / "s.yaml").write_text(KINKED.format(slopes=slopes))
+    made = run(Job(tmp_path / "s.yaml", tmp_path / "out"), ("synthesize", "check"), Settings(effort=0))
+    assert made.check is not None
+    assert made.check["verdict"] == "undecided"
+    assert all(bound["proved"] is None for bound in made.check["bounds"].values())
+
+
+def test_periods_of_a_class_that_is_not_the_plants_are_not_proved_of_it(tmp_path: Path) -> None:
+    made = result(
+        tmp_path, A="-1", phi="u*sin(x)", slopes="[[1]]", more="inputs: {u: {}}", gain="{K: [[0.5]]}", signals='signals: {u: "0"}'
+    )
+    assert made.check is not None
+    assert made.check["verdict"] == "refuted"
+    assert all(bound["proved"] is None for name, bound in made.check["bounds"].items() if name.startswith(("period_max", "decay")))

@@ -27,7 +27,7 @@ from cdobs_cli.bounds.slopes import decide
 from cdobs_cli.certificate import Claim, Status
 from cdobs_cli.design import Confinement
 from cdobs_cli.exact.expression import ZERO
-from cdobs_cli.exact.numbers import Exact, upper_text
+from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, upper_text
 from cdobs_cli.plant import Box, Domain, Interval, Plant
 
 Saturate = Literal["auto"] | bool
@@ -101,6 +101,21 @@ def _slopes_hold(plant: Plant) -> bool:
     return True
 
 
+def _zero_slopes_hold(plant: Plant) -> bool:
+    """Whether phi is defined, and the slopes declared to be 0 are 0, all over the domain (the family proves the other
+    ones there itself)."""
+    region = Region.of(plant)
+    for i, phi in enumerate(plant.phi):
+        if any(True for _ in conditions(phi)) and defined(phi, region).status != "proved":
+            return False
+        for j, name in enumerate(plant.states):
+            slope = phi.derivative(name)
+            declared_zero = slope != ZERO and (i, j) not in plant.slopes.entries
+            if declared_zero and decide(slope, EXACT_ZERO, EXACT_ZERO, region).status != "proved":
+                return False
+    return True
+
+
 def _margin_for(plant: Plant, transients: Sequence[Transient], start: Box) -> Confinement | None:
     """A margin that the transient from these initial errors does not pass, with slopes that hold there."""
     for transient in transients:
@@ -152,7 +167,7 @@ def _judge(plant: Plant, confinement: Confinement, transients: Sequence[Transien
             return "proved", (
                 "outside the box of the domain the observer continues phi linearly, so the slopes hold wherever the estimate goes"
             )
-        case "cut":
+        case "cut" if _zero_slopes_hold(plant.on_box):
             return "proved", "the observer evaluates phi at the estimate cut to the box of the domain"
         case "margin" if _stays_within(plant, confinement, transients):
             return "proved", (

@@ -33,6 +33,9 @@ def high_points(expression: Expression, region: Region) -> Iterator[dict[str, Fr
     import numpy as np
 
     names = region.names
+    if not names:
+        yield {}
+        return
     function = compile_floats((expression, *region.where), names, arrays=True)
     random = np.random.default_rng(20)
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
-from cdobs_cli.certificate import Bound, Claim
+from cdobs_cli.certificate import Bound, Check, Claim
 from cdobs_cli.design import Confinement
 from cdobs_cli.exact.numbers import text_below
 from cdobs_cli.plant import Domain, Plant
@@ -13,6 +13,7 @@ from cdobs_cli.sampling import SamplingLaw
 
 CONVERGENCE = "convergence"
 _PERIODS = ("period_max", "period_max_any_gain")
+_CONSEQUENCES = ("decay_rate", "guaranteed_period")
 
 
 def with_conditions(
@@ -52,21 +53,21 @@ def with_conditions(
     return tuple(told)
 
 
-def confined_bounds(bounds: Mapping[str, Bound], law: SamplingLaw, confinement: Confinement) -> dict[str, Bound]:
-    """The bounds that are proved of the observer, not only of its slope class.
+def proved_of_the_plant(check: Check, law: SamplingLaw, confinement: Confinement) -> dict[str, Bound]:
+    """The bounds that are proved of this plant and observer, not only of the slope class.
 
-    An estimate that may leave the slopes proves none of the periods and rates; a margin holds for the law it was shown
-    for, so that periods beyond it are not proved.
+    A required premise that is not proved, or an estimate that may leave the slopes, leaves no period and no rate
+    proved; a margin holds for the law that it was shown for, so that periods beyond it are not proved.
     """
-    if confinement.way not in ("open", "margin"):
-        return dict(bounds)
+    premises = [claim for claim in check.claims if claim.kind == "premise" and (claim.required or claim.id == "estimate")]
+    stands = all(claim.status == "proved" for claim in premises)
     kept = {}
-    for name, bound in bounds.items():
+    for name, bound in check.bounds.items():
         head, _, method = name.partition(".")
-        if confinement.way == "margin" and head in _PERIODS and not method and bound.proved is not None:
-            bound = replace(bound, proved=min(bound.proved, text_below(law.T_max), key=float))
-        elif head in _PERIODS or (head == "decay_rate" and confinement.way == "open"):
+        if not stands and head in (*_PERIODS, *_CONSEQUENCES):
             bound = replace(bound, proved=None)
+        elif confinement.way == "margin" and head in _PERIODS and bound.proved is not None:
+            bound = replace(bound, proved=None if method else min(bound.proved, text_below(law.T_max), key=float))
         if bound.proved is not None or bound.refuted is not None:
             kept[name] = bound
     return kept

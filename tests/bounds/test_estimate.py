@@ -65,6 +65,15 @@ def test_an_affine_limit_needs_slopes_on_the_whole_box() -> None:
     assert confinement_claim(product("0.6"), Confinement("continuation"), ()).status == "undecided"
 
 
+def test_a_cut_estimate_may_meet_slopes_beyond_the_limits() -> None:
+    """0 where x <= 0, and 20 on the box beyond: cut to the box, the estimate meets that."""
+    box = {"x": ("-1", "1")}
+    kinked = make_plant(("x",), ("20*max(0, x - 0.1)",), box=box, where=("-x",))
+    flat = make_plant(("x",), ("min(x, 2) - x",), box=box, where=("-x",))
+    assert confinement_claim(kinked, Confinement("cut"), ()).status == "undecided"
+    assert confinement_claim(flat, Confinement("cut"), ()).status == "proved"
+
+
 @pytest.mark.parametrize(
     "stored",
     [

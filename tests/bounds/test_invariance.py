@@ -29,6 +29,12 @@ def test_a_tangent_side_needs_a_lipschitz_field(phi: str, status: str) -> None:
     assert not claim.required
 
 
+def test_a_limit_on_the_only_state_leaves_a_side_without_states() -> None:
+    claim = domain_invariant(make_plant(("x",), ("-x",), box={"x": ("-1", "1")}, where=("x",)))
+    assert claim.status in ("proved", "undecided")
+    assert domain_invariant(make_plant(("x",), ("-1",), box={"x": ("-1", "1")}, where=("x",))).status != "proved"
+
+
 def test_a_side_is_open_through_another_state() -> None:
     """At x = 0 the speed is y, which takes both signs."""
     assert domain_invariant(make_plant(("x", "y"), ("y", "-y"), box={"x": ("0", "1"), "y": ("-1", "1")})).status == "refuted"

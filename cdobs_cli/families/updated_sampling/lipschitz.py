@@ -55,11 +55,22 @@ def read_rate(document: Mapping[str, str | None], plant: Plant) -> Rate:
     return Rate(parse(str(document["c"]), names), None if largest is None else Exact(largest), origin)
 
 
+def met_entries(plant: Plant) -> tuple[tuple[int, int], ...]:
+    """The slopes that the estimate can meet: with affine limits the cut estimate need not keep them, so a slope that
+    is 0 within the limits counts where it is not 0 everywhere."""
+    entries, n = plant.slopes.entries, plant.n
+    if not plant.domain.where:
+        return entries
+    return tuple(
+        (i, j) for i in range(n) for j, name in enumerate(plant.states) if (i, j) in entries or plant.phi[i].derivative(name) != ZERO
+    )
+
+
 def magnitudes(plant: Plant) -> dict[tuple[int, int], Fraction] | None:
     """Bounds of |d phi_i / d x_j|: the declared slopes; anew over the whole box where the domain has affine
     limits besides, since the saturated estimate need not meet those (None where no bound is found)."""
     values = {}
-    for i, j in plant.slopes.entries:
+    for i, j in met_entries(plant):
         ends = (plant.slopes.lower[i, j], plant.slopes.upper[i, j])
         sides: list[str | None] = [str(abs(end.rational)) if end.rational is not None else upper_text(abs(end.ball())) for end in ends]
         if plant.domain.where:
@@ -145,7 +156,7 @@ def derive_rate(plant: Plant, variant: str) -> Rate:
         return None if high is None or low is None else (-Exact(low), Exact(high))
 
     bounds: list[Expression] = []
-    for i, j in plant.slopes.entries:
+    for i, j in met_entries(plant):
         terms = separated(secant(plant, i, j), known)
         bound = None if terms is None else modulus_bound(terms, ends)
         bounds.append(Number(values[i, j]) if bound is None else bound)
@@ -209,7 +220,7 @@ def rate_claim(plant: Plant, rate: Rate, variant: str) -> Claim:
         return Claim("c", "premise", status, statement, SOURCE, method=method)
     region = _region(plant, "", HAT, BETWEEN, where=True)
     c = rate.c.substitute({name: Variable(HAT + name) for name in plant.states})
-    secants = [secant(plant, i, j) for i, j in plant.slopes.entries]
+    secants = [secant(plant, i, j) for i, j in met_entries(plant)]
     if variant == "last_row" and len(secants) > 1:
         total: Expression = ZERO
         for one in secants:
@@ -241,7 +252,7 @@ def _is_proved(plant: Plant, rate: Rate, variant: str) -> bool:
         return False
     if variant == "triangular" and plant.domain.where:
         region = _region(plant, "")
-        slopes = [simplify(plant.phi[i].derivative(plant.states[j])) for i, j in plant.slopes.entries]
+        slopes = [simplify(plant.phi[i].derivative(plant.states[j])) for i, j in met_entries(plant)]
         return all(_is_nonpositive(side - rate.c, region) for slope in slopes for side in (slope, -slope))
     values = magnitudes(plant)
     needed, stored = (None if values is None else constant_rate(variant, values).largest), rate.largest.rational
