@@ -11,7 +11,7 @@ export OMP_NUM_THREADS := 1
 export RAYON_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test lint bench clean
+.PHONY: demo test lint bench lowest clean
 
 demo: $(VENV)/installed
 	$(BIN)/cdobs run specs --out results --jobs $(JOBS)
@@ -29,11 +29,15 @@ lint: $(VENV)/installed-dev
 bench: $(VENV)/installed-dev
 	for script in tests/benchmarks/bench_*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
 
+# The lowest versions that pyproject.toml allows.
+lowest:
+	PYTHON=$(PYTHON) tests/lowest_versions.sh
+
 $(VENV)/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed, this is " + sys.version) if sys.version_info < (3, 11) else 0'
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/installed: requirements.lock pyproject.toml $(shell find cdobs_cli -name '*.py' -o -name '*.bib') | $(VENV)/bin/python
+$(VENV)/installed: requirements.lock pyproject.toml $(shell find cdobs_cli -type f -not -name '*.pyc') | $(VENV)/bin/python
 	$(BIN)/python -m pip install --quiet --requirement requirements.lock
 	$(BIN)/python -m pip install --quiet --no-deps .
 	@touch $@
@@ -45,4 +49,4 @@ $(VENV)/installed-dev: requirements.lock requirements-dev.lock pyproject.toml | 
 	@touch $@ $(VENV)/installed
 
 clean:
-	rm -rf $(VENV) results build *.egg-info .mypy_cache .ruff_cache .pytest_cache
+	rm -rf $(VENV) .lowest results build *.egg-info .mypy_cache .ruff_cache .pytest_cache

@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cdobs_cli.errors import INTERRUPTED, ArtefactError, CdobsError, ExitCode, Problem, SpecError, ToolError, UsageError
-from cdobs_cli.outcome import Message, Result, exit_code, failure, judged, readable
+from cdobs_cli.exact.budget import WorkError
+from cdobs_cli.outcome import Job, Message, Result, exit_code, failure, judged, readable
 from cdobs_cli.printable import lines
 
 if TYPE_CHECKING:
@@ -25,15 +26,6 @@ if TYPE_CHECKING:
 Tell = Callable[[Result], None]
 SPEC_SUFFIXES = (".yaml", ".yml")
 PLANT_SUFFIXES = (".plant.yaml", ".plant.yml")
-
-
-@dataclass(frozen=True)
-class Job:
-    """One spec and the folder of its artefacts; or a path that cannot be carried out, and why."""
-
-    spec: Path
-    folder: Path
-    refused: str | None = None
 
 
 @dataclass(frozen=True)
@@ -105,10 +97,14 @@ def run(job: Job, stages: tuple[str, ...], settings: Settings, tell: Tell | None
         result = Result(str(job.spec), "invalid", tuple(Message.from_problem(problem) for problem in error.problems))
     except ArtefactError as error:
         result = Result(str(job.spec), "invalid", (Message("error", str(error), str(job.spec), rule="artefact"),))
+    except WorkError as error:  # not a mistake that reading could tell, and nothing was decided
+        told = Message("error", f"undecided: {error}", str(job.spec), rule="work")
+        result = Result(str(job.spec), "finding", (told,))
     except CdobsError as error:
         result = failure(str(job.spec), str(error))
     except OSError as error:
-        result = failure(str(job.spec), f"the system refuses: {error.strerror or error}{f': {error.filename}' if error.filename else ''}")
+        place = f": {error.filename}" if error.filename else ""
+        result = failure(str(job.spec), f"the system refuses: {error.strerror or error}{place}")
     except (Exception, RecursionError, MemoryError) as error:
         if settings.verbose:
             _show_where(error)
@@ -135,14 +131,14 @@ def _run(job: Job, stages: tuple[str, ...], settings: Settings, tell: Tell | Non
     try:
         for number, stage in enumerate(stages, start=1):
             if tell is not None:
-                tell(_known(work, job, stages[: number - 1], settings, waiting=stages[number - 1 :]))
+                tell(_known(work, job, stages[: number - 1], settings, stages[number - 1 :]))
             verbs[stage](work)
     except SpecError as error:  # what only a run can see, e.g. a signal that leaves its interval
         raise SpecError(tuple(_placed(problem, spec) for problem in error.problems)) from error
     return _known(work, job, stages, settings)
 
 
-def _known(work: Work, job: Job, stages: tuple[str, ...], settings: Settings, *, waiting: tuple[str, ...] = ()) -> Result:
+def _known(work: Work, job: Job, stages: tuple[str, ...], settings: Settings, waiting: tuple[str, ...] = ()) -> Result:
     """What there is to say after the stages that were carried out."""
     if not stages:
         return Result(str(job.spec), "ok", waiting=waiting)
@@ -152,8 +148,8 @@ def _known(work: Work, job: Job, stages: tuple[str, ...], settings: Settings, *,
     documents = pipeline.documents(work)
     told = _told_by(stages, documents)
     messages = tuple(find(work.spec, documents, told))
-    more = _told(work, job, stages, settings, told)
-    return Result(str(job.spec), judged(messages), messages, **documents, **more, waiting=waiting)  # type: ignore[arg-type]
+    more = documents | _told(work, job, stages, settings, told)
+    return Result(str(job.spec), judged(messages), messages, **more, waiting=waiting)  # type: ignore[arg-type]
 
 
 def _show_where(error: BaseException) -> None:
@@ -231,9 +227,8 @@ def _each(
             import_module(module)
         from cdobs_cli.isolation import each_isolated
 
-        yield from each_isolated(
-            todo, partial(run, stages=stages, settings=settings), workers=settings.jobs, time_limit=settings.time_limit, started=started
-        )
+        call, limit = partial(run, stages=stages, settings=settings), settings.time_limit
+        yield from each_isolated(todo, call, workers=settings.jobs, time_limit=limit, started=started)
         return
     for number, job in enumerate(todo):
         started(number)

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from cdobs_cli.codec import KEY, OPTIONAL, read_fields
 from cdobs_cli.exact.numbers import Exact
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 
 Status = Literal["proved", "refuted", "undecided"]
 ClaimKind = Literal["premise", "assumption", "certificate", "consequence", "printed"]
@@ -20,12 +20,13 @@ class Witness:
     """A counterexample that anyone can replay.
 
     kind: `constant` (one slope vector), `switching` (slope values per arc), `vector` (a state or error
-    vector), `point` (a point of the domain). `times` are arc lengths or sampling periods (decimal strings),
+    vector), `point` (a point of the domain), `box` (a box of x(0) and a word of sampling periods, with what
+    acts on the run in `data`). `times` are arc lengths or sampling periods (decimal strings),
     `values` one list of decimal strings per arc (order: `entries`), `multiplier` the proved growth per
     period as text. `about`: does it defeat the class of slopes, or the typed plant?
     """
 
-    kind: Literal["constant", "switching", "vector", "point"]
+    kind: Literal["constant", "switching", "vector", "point", "box"]
     about: About = field(metadata={KEY: "class"})
     times: tuple[str, ...] = ()
     values: tuple[tuple[str, ...], ...] = ()

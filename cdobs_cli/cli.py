@@ -221,7 +221,8 @@ def _lost(error: LostStreamError, lost: list[LostStreamError]) -> ExitCode:
     names = {one.name for one in lost}
     try:
         if lost:
-            _refused("" if "stderr" in names else f"cdobs: {error}", str(error), ExitCode.FAILED, document="stdout" not in names)
+            told = "" if "stderr" in names else f"cdobs: {error}"
+            _refused(told, str(error), ExitCode.FAILED, document="stdout" not in names)
     except LostStreamError:
         names = {"stdout", "stderr"}
     for number, name in ((1, "stdout"), (2, "stderr")):

@@ -82,7 +82,8 @@ class Console:
         """A spec has ended."""
         for message in result.messages:
             if message.severity == "error" or not self.quiet:
-                say(f"{self._paint(message.severity, _SEVERITIES[message.severity], sys.stderr)}: {line(str(message))}", aside=True)
+                severity = self._paint(message.severity, _SEVERITIES[message.severity], sys.stderr)
+                say(f"{severity}: {line(str(message))}", aside=True)
         if self.quiet and (result.status == "ok" or self.format != "text"):
             return
         if self.format == "text":

@@ -9,7 +9,8 @@ from typing import Any, Literal
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.codec import read_fields
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
-from cdobs_cli.plant import Box, SamplingLaw
+from cdobs_cli.plant import Box
+from cdobs_cli.sampling import SamplingLaw
 
 Outcome = Literal["found", "given", "none"]
 Way = Literal["everywhere", "margin", "continuation", "cut", "open"]

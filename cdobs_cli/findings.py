@@ -21,14 +21,14 @@ REPLAY = "replay"
 
 def decided(spec: Spec, documents: Documents, stages: frozenset[str]) -> list[Outcome]:
     """Every `expect` entry about what the stages made; a stage that reads a design makes it where there is none."""
-    return [evaluate(expectation, documents) for expectation in spec.expect if _made(expectation.artefact, documents, stages)]
+    return [evaluate(one, documents) for one in spec.expect if _made(one.artefact, documents, stages)]
 
 
 def at_hand(spec: Spec, documents: Documents) -> list[Outcome]:
     """Every `expect` entry but those about an artefact that is still to be made."""
     runs = spec.simulation is not None and (documents["design"] or {}).get("outcome") != "none"
     missing = {"check": documents["check"] is None, "simulation": documents["simulation"] is None and runs}
-    return [evaluate(expectation, documents) for expectation in spec.expect if not missing.get(expectation.artefact, False)]
+    return [evaluate(one, documents) for one in spec.expect if not missing.get(one.artefact, False)]
 
 
 def _made(artefact: str, documents: Documents, stages: frozenset[str]) -> bool:
@@ -111,6 +111,6 @@ def _of_simulation(spec: Spec, simulation: dict[str, Any] | None, named: set[str
 def _size(margin: float | None) -> str:
     if margin is None or margin >= 0:
         return "nothing"
-    from cdobs_cli.report.model import number_text
+    from cdobs_cli.report.numbers import number_text
 
     return number_text(-margin, 3)

@@ -8,7 +8,8 @@ from itertools import product
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from cdobs_cli.exact.expression import Expression, Variable
-from cdobs_cli.plant import Plant, SamplingLaw, Slopes
+from cdobs_cli.plant import Plant, Slopes
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     import numpy as np

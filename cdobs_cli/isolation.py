@@ -14,12 +14,10 @@ from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Any, Protocol
 
-from cdobs_cli.outcome import Result, cut_short, failure
+from cdobs_cli.outcome import Job, Result, cut_short, failure
 
 if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
-
-    from cdobs_cli.batch import Job
 
 GRACE = 2.0  # seconds between asking a process to end and killing it
 LONGEST = 86_400.0  # seconds that one wait may take; longer limits wait again
@@ -88,7 +86,8 @@ def _start(call: Call, pool: list[_Worker]) -> _Worker:
     ours, theirs = context.Pipe()
     # A forked process holds the ends of this one too: while it does, nobody sees them close.
     inherited = (ours, *(worker.pipe for worker in pool)) if forked else ()
-    process = context.Process(target=_work, args=(theirs, call, os.getpid(), inherited), daemon=True)  # type: ignore[attr-defined]
+    arguments = (theirs, call, os.getpid(), inherited)
+    process = context.Process(target=_work, args=arguments, daemon=True)  # type: ignore[attr-defined]
     with _signals_held():
         process.start()
         theirs.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Literal
 
 from cdobs_cli.errors import ExitCode, Problem
@@ -16,6 +17,15 @@ EXIT_CODES: dict[ResultStatus, ExitCode] = {
     "invalid": ExitCode.INVALID,
     "failed": ExitCode.FAILED,
 }
+
+
+@dataclass(frozen=True)
+class Job:
+    """One spec and the folder of its artefacts; or a path that cannot be carried out, and why."""
+
+    spec: Path
+    folder: Path
+    refused: str | None = None
 
 
 @dataclass(frozen=True)
@@ -99,7 +109,8 @@ def cut_short(so_far: Result | None, spec: str, time_limit: float) -> Result:
     stages = f"{', '.join(told.waiting)} " if told.waiting else ""
     stands = "" if told.check is None else "; what was proved and stored by then stands"
     text = f"undecided: {stages}not finished within {time_limit:g} s (--time-limit){stands}"
-    return replace(told, status="finding", messages=(*told.messages, Message("error", text, spec, rule="time-limit")), waiting=())
+    late = Message("error", text, spec, rule="time-limit")
+    return replace(told, status="finding", messages=(*told.messages, late), waiting=())
 
 
 def exit_code(results: list[Result]) -> ExitCode:

@@ -347,14 +347,22 @@ def replay(work: Work, identifier: str) -> dict[str, Any]:
     if claim is None or claim.witness is None:
         told = ", ".join(one.id for one in made.claims if one.witness is not None) or "none"
         raise UsageError(f"{work.spec.source_path}: no counterexample to {identifier!r}; claims that have one: {told}")
-    from cdobs_cli.report.replays import replay_chart, replay_figures
+    from cdobs_cli.hybrid import HybridSystem
+    from cdobs_cli.report.replays import crossing_chart, replay_chart, replay_figures
     from cdobs_cli.report.witnesses import witness_name
+    from cdobs_cli.simulate.box import BoxReplay, replay_box
+    from cdobs_cli.simulate.witness import Replay
     from cdobs_cli.simulate.witness import replay as run_witness
 
     design = synthesize(work)
-    made_run = run_witness(work.spec.observer.inclusion(work.plant(design), design.gain), claim.witness)
-    name = f"{witness_name(claim)}_run"
-    chart = replay_chart(name, identifier, made_run.arrays(), made_run.entries)
+    name, plant = f"{witness_name(claim)}_run", work.plant(design)
+    made_run: Replay | BoxReplay
+    if claim.witness.kind == "box":
+        made_run = replay_box(HybridSystem(plant, work.spec.observer.observer(plant, design)), design.sampling, claim.witness)
+        chart = crossing_chart(name, identifier, plant.states, made_run.arrays())
+    else:
+        made_run = run_witness(work.spec.observer.inclusion(plant, design.gain), claim.witness)
+        chart = replay_chart(name, identifier, made_run.arrays(), made_run.entries)
     archive = made_run.to_bytes()
     work.store.write_files({f"{name}.npz": archive, **replay_figures(chart)})
     digests = {**_check_digests(work, design), "check": made.digests[CONTENT], ARCHIVE: hashlib.sha256(archive).hexdigest()}

@@ -8,59 +8,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from typing import Any, Literal
+from typing import Literal
 
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
-
-SamplingKind = Literal["periodic", "aperiodic", "updated"]
-
-
-@dataclass(frozen=True)
-class SamplingLaw:
-    """When measurements come: t_(k+1) - t_k in [T_min, T_max] (time units of the plant).
-
-    periodic: T_min = T_max; aperiodic: 0 <= T_min < T_max; updated: the observer chooses, both are 0.
-    """
-
-    kind: SamplingKind
-    T_min: Exact = EXACT_ZERO
-    T_max: Exact = EXACT_ZERO
-
-    @staticmethod
-    def periodic(period: Exact) -> SamplingLaw:
-        return SamplingLaw("periodic", period, period)
-
-    def with_period(self, T: Exact) -> SamplingLaw:
-        """The law with its period (or its largest period) replaced; a smaller T_max takes T_min along."""
-        if self.kind == "periodic":
-            return SamplingLaw.periodic(T)
-        T_min = self.T_min if float(self.T_min) <= float(T) else T
-        return SamplingLaw(self.kind, T_min, T)
-
-    def document(self) -> dict[str, Any]:
-        """As in a spec: {period}, {min_period, max_period} or {updated}."""
-        if self.kind == "periodic":
-            return {"period": str(self.T_max)}
-        if self.kind == "aperiodic":
-            return {"min_period": str(self.T_min), "max_period": str(self.T_max)}
-        return {"updated": True}
-
-    @staticmethod
-    def from_document(document: dict[str, Any]) -> SamplingLaw:
-        """Raises: TypeError, ValueError on anything `document` did not write."""
-        match document:
-            case {"updated": True, **rest} if not rest:
-                return SamplingLaw("updated")
-            case {"period": str(period), **rest} if not rest:
-                law = SamplingLaw.periodic(Exact(period))
-            case {"min_period": str(shortest), "max_period": str(longest), **rest} if not rest:
-                law = SamplingLaw("aperiodic", Exact(shortest), Exact(longest))
-            case _:
-                raise ValueError("not a sampling law")
-        if law.T_max.sign() != 1 or law.T_min.sign() == -1 or (law.T_max - law.T_min).sign() == -1:
-            raise ValueError("periods that no sampling law has")
-        return law
+from cdobs_cli.sampling import SamplingLaw
 
 
 @dataclass(frozen=True)

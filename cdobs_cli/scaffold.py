@@ -19,7 +19,7 @@ def example(family: str) -> str:
 
     if family not in FAMILIES:
         raise UsageError(f"unknown family {family!r}{nearest(family, list(FAMILIES))}; known: {', '.join(FAMILIES)}")
-    return FAMILIES[family].example
+    return FAMILIES[family].example()
 
 
 def write_new(path: Path, text: str) -> None:

@@ -2,7 +2,8 @@
 
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import parse
-from cdobs_cli.plant import Domain, Input, Interval, Plant, SamplingLaw, Slopes
+from cdobs_cli.plant import Domain, Input, Interval, Plant, Slopes
+from cdobs_cli.sampling import SamplingLaw
 
 
 def interval(ends):

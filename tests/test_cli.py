@@ -179,6 +179,8 @@ def test_interrupt_leaves_nothing_half_written(tmp_path: Path, pendulum: str) ->
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         stderr=subprocess.PIPE,
         text=True,
+        # Started in the background of a shell the tests inherit a SIGINT that is ignored.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
     deadline = time.monotonic() + 60
     while not list(tmp_path.glob("results/*/design.json")) and time.monotonic() < deadline:

@@ -12,7 +12,7 @@ import pytest
 from cdobs_cli.certificate import Bound, Check, Claim, Witness
 from cdobs_cli.codec import KEY, OPTIONAL, parse, read
 from cdobs_cli.exact.numbers import ExactMatrix
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 
 
 @dataclass(frozen=True)

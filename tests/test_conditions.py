@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from cdobs_cli.batch import Job, Settings, run
-from cdobs_cli.outcome import Result
+from cdobs_cli.batch import Settings, run
+from cdobs_cli.outcome import Job, Result
 
 SPEC = """\
 spec_version: 1

@@ -10,8 +10,9 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import parse
 from cdobs_cli.exact.rational import is_zero
 from cdobs_cli.exact.solve import solve
-from cdobs_cli.plant import Box, CoordinateMap, Domain, Input, Interval, SamplingLaw, Slopes, TypedDynamics
+from cdobs_cli.plant import Box, CoordinateMap, Domain, Input, Interval, Slopes, TypedDynamics
 from cdobs_cli.run import SimulationPlan
+from cdobs_cli.sampling import SamplingLaw
 
 
 def typed(states, f, h, coordinates=None, box=None, where=(), inputs=None, names=None, phi=None, disturbance=None, **printed):

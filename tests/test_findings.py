@@ -11,8 +11,8 @@ import pytest
 from command import PENDULUM, forked
 from documents import CHECKS
 
-from cdobs_cli.batch import Job, Settings, run
-from cdobs_cli.outcome import Result
+from cdobs_cli.batch import Settings, run
+from cdobs_cli.outcome import Job, Result
 
 EXPECT = """\
 expect:

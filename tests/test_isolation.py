@@ -13,9 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from cdobs_cli.batch import Job
 from cdobs_cli.isolation import GRACE, each_isolated
-from cdobs_cli.outcome import Result
+from cdobs_cli.outcome import Job, Result
 
 KILLS = int(os.environ.get("CDOBS_KILLS", "4"))
 
@@ -78,7 +77,7 @@ def test_idle_workers_end_at_once() -> None:
 PARENT = """
 import os, sys, time
 from pathlib import Path
-from cdobs_cli.batch import Job
+from cdobs_cli.outcome import Job
 from cdobs_cli.isolation import each_isolated
 from cdobs_cli.outcome import Result
 

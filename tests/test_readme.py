@@ -16,8 +16,9 @@ import pytest
 import yaml
 from command import PENDULUM, ROOT
 
-from cdobs_cli.batch import Job, Settings, run
+from cdobs_cli.batch import Settings, run
 from cdobs_cli.cli import STAGES
+from cdobs_cli.outcome import Job
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 HOOKS: list[dict[str, Any]] = yaml.safe_load((ROOT / ".pre-commit-hooks.yaml").read_text(encoding="utf-8"))

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 from command import ROOT
 
-from cdobs_cli.batch import Job, Settings, run
+from cdobs_cli.batch import Settings, run
+from cdobs_cli.outcome import Job
 from cdobs_cli.spec.model import load
 
 SPECS = sorted((ROOT / "specs").glob("*.yaml"))

@@ -18,6 +18,7 @@ import numpy as np
 from flint import arb
 from numpy.typing import NDArray
 
+from cdobs_cli.exact.budget import spend
 from cdobs_cli.exact.expression import MINUS_ONE, Call, Expression, Number, Power, Variable
 from cdobs_cli.exact.functions import exact_ball, fraction_ball, point_ball, power_ball
 from cdobs_cli.exact.language import LANGUAGE, Function
@@ -63,6 +64,7 @@ def _product(a: Array, b: Array) -> Array:
 
 def multiply(a: Ends, b: Ends) -> Ends:
     """a b; 0 times anything is the exact 0."""
+    spend(20 + len(a[0]) // 8)
     parts = [x * y for x in a for y in b]
     for part in parts:
         part[np.isnan(part)] = 0.0  # 0 times inf
@@ -310,6 +312,7 @@ class Evaluator:
     def _run(self, low: Array, high: Array, *, slopes: bool) -> Jet:
         memo: dict[Expression, Jet] = {}
         count = len(low)
+        spend(len(self.nodes) * (15 + count // 16) * (2 if slopes else 1))
         with np.errstate(all="ignore"):
             for k, node in enumerate(self.nodes):
                 if isinstance(node, Variable):

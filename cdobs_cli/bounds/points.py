@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from flint import arb
 
 from cdobs_cli.bounds.region import Region
+from cdobs_cli.exact.budget import spend
 from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.functions import fraction_ball
@@ -69,12 +70,13 @@ def _pushed_inside(points: NDArray[np.float64], region: Region, low: NDArray[np.
     if not region.where:
         return points[:0]
     slopes = compile_floats([w.derivative(name) for w in region.where for name in region.names], region.names, arrays=True)
-    limits = compile_floats(region.where, region.names, arrays=True)
+    spend(3000 * len(region.where))
+    limits = [compile_floats((w,), region.names, arrays=True) for w in region.where]
     with np.errstate(all="ignore"):
         normals = np.array([float(value) for value in slopes(*points[0])]).reshape(len(region.where), len(region.names))
         for _ in range(40):
             for k, normal in enumerate(normals):
-                violation = np.minimum(0.0, np.broadcast_to(limits(*points.T)[k], points.shape[:1]))
+                violation = np.minimum(0.0, np.broadcast_to(limits[k](*points.T)[0], points.shape[:1]))
                 points = np.clip(points - 1.01 * violation[:, None] * normal / max(float(normal @ normal), 1e-300), low, high)
     return points[np.all(np.isfinite(points), axis=1)]
 

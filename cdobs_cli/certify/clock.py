@@ -7,10 +7,18 @@ For edot in Co{A_v} e, e+ = J e at clock values in [T_min, T_max]: if for P piec
     P(0) > 0 on the range of J,
 
 then every error decays at rate sigma: V = e' P(tau) e falls along every flow of the inclusion and does not
-rise at jumps. In Bernstein form each inequality is a finite list of matrices. From T_min = 0 the
-jump inequality is singular at tau = 0: there J must be a projection (a hold; I - K C with C K = I), diag(I, 0) in a
-basis of its own, and P(0) block diagonal in it, so that the gap is exactly blkdiag(0, P_22(0)); the other
-coefficients are definite.
+rise at jumps. In Bernstein form each inequality is a finite list of matrices.
+
+From T_min = 0 the jump inequality is singular at tau = 0 wherever J keeps errors: P(0) - J'P(0)J vanishes on
+ker(I - J), and being >= 0 it vanishes there as a form, so P(0) must not couple what J keeps with what it changes.
+In a basis of ker(I - J) and the range of I - J (rational, exact)
+
+    J = diag(I, j),   P(0) = diag(P_11, Q),   P(0) - J'P(0)J = diag(0, Q - j'Q j),   Q - j'Q j > 0.
+
+So coefficient 0 of the jump inequality is >= 0, the others are required to be definite, and the polynomial, a
+convex combination of them, is > 0 for tau > 0 and >= 0 at 0. A hold has j = 0, as has I - K C with C K = I; one
+output and 0 < C K < 2 has j = 1 - C K, and there P(0) K = s C' with s = Q / C K. Any j of spectral radius < 1 has
+such Q.
 """
 
 from __future__ import annotations
@@ -19,16 +27,21 @@ from collections.abc import Callable, Iterator
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from flint import arb
+
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify.ball import has_spectral_radius_below, null_space
-from cdobs_cli.certify.clock_form import Shape, flow_coefficients, in_basis, jump_gap, kept_states, lyapunov
+from cdobs_cli.certify import common_quadratic, dead_beat, polygon
+from cdobs_cli.certify.ball import has_spectral_radius_below
+from cdobs_cli.certify.clock_form import Shape, erases_the_rest, flow_coefficients, in_basis, jump_gap, kept_states, lyapunov
 from cdobs_cli.certify.definite import Definiteness, has_positive_pivots
 from cdobs_cli.certify.linear import interval_of, is_linear, stable_intervals
+from cdobs_cli.certify.sampled_error import kept_and_lost
 from cdobs_cli.exact.expression import ExpressionError
+from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     import numpy as np
@@ -38,6 +51,7 @@ M_ = TypeVar("M_")
 
 METHOD = "clock"
 MONODROMY = "spectral_radius"
+METHODS = (METHOD, MONODROMY, common_quadratic.METHOD, polygon.METHOD, dead_beat.METHOD)
 MAX_CORNER_ENTRIES = 10  # 2^10 corners at most are enumerated
 UNDECIDED = Definiteness("undecided", None)
 
@@ -50,7 +64,10 @@ def prove(inclusion: HybridInclusion, certificate: Certificate) -> Definiteness:
 
     The margin is not computed (a proof by pivots of every coefficient).
     """
-    provers = {MONODROMY: _prove_monodromy, METHOD: _prove_clock}
+    provers = {
+        MONODROMY: _prove_monodromy, METHOD: _prove_clock, common_quadratic.METHOD: _by(common_quadratic.prove),
+        polygon.METHOD: _by(polygon.prove), dead_beat.METHOD: _by(dead_beat.prove),
+    }  # fmt: skip
     if certificate.method not in provers:
         return UNDECIDED
     try:
@@ -59,8 +76,15 @@ def prove(inclusion: HybridInclusion, certificate: Certificate) -> Definiteness:
         return UNDECIDED
 
 
+def decay(certificate: Certificate) -> arb:
+    """A lower bound of the decay rate that a proved certificate shows: sigma, infinite for a dead beat.
+
+    Raises: KeyError, ExpressionError, ValueError."""
+    return arb("inf") if certificate.method == dead_beat.METHOD else fraction_ball(rate(certificate))
+
+
 def rate(certificate: Certificate) -> Fraction:
-    """The decay rate sigma >= 0 that the certificate claims. Raises: KeyError, ExpressionError, ValueError."""
+    """The decay rate sigma >= 0 that the certificate was made for. Raises: KeyError, ExpressionError, ValueError."""
     sigma = _rational(certificate.data["sigma"])
     if sigma < 0:
         raise ValueError("a rate below 0 is no decay")
@@ -81,12 +105,12 @@ def _prove_clock(inclusion: HybridInclusion, certificate: Certificate) -> Defini
     if not _well_posed(shape, law) or len(P) != shape.count or any(matrix.shape != (N, N) for matrix in P):
         return UNDECIDED
     kept = kept_states(maps.jump)
-    if not _positive(P[0][kept, kept] if kept else P[0]):
+    if not _positive_on_range(P[0], maps.jump, kept):
         return UNDECIDED
     for number in range(shape.jump_from, shape.count):
         gap = jump_gap(P[0], P[number], maps.jump)
-        if number == 0 and law.T_min.sign() == 0:
-            if not _hold_gap(P[0], kept, N):
+        if number == 0 and law.from_zero:
+            if not _gap_from_zero(P[0], maps.jump, kept):
                 return UNDECIDED
         elif not _positive(gap):
             return UNDECIDED
@@ -100,23 +124,28 @@ def _prove_clock(inclusion: HybridInclusion, certificate: Certificate) -> Defini
 
 def _well_posed(shape: Shape, law: SamplingLaw) -> bool:
     """Pieces cover [0, T_max] with T_min a break point."""
-    if law.kind == "updated" or shape.d < 1 or shape.d > shape.D or min(shape.before, shape.after) < 0 or shape.pieces < 1:
+    if law.is_updated or shape.d < 1 or shape.d > shape.D or min(shape.before, shape.after) < 0 or shape.pieces < 1:
         return False
     if law.T_max.sign() != 1:
         return False
-    if law.T_min == law.T_max:
+    if law.is_periodic:
         return shape.before > 0 and shape.after == 0
     if (law.T_max - law.T_min).sign() != 1 or shape.after == 0:
         return False
-    return shape.before == 0 if law.T_min.sign() == 0 else law.T_min.sign() == 1 and shape.before > 0
+    return shape.before == 0 if law.from_zero else law.T_min.sign() == 1 and shape.before > 0
 
 
-def _hold_gap(P_0: Matrix, kept: list[int], N: int) -> bool:
-    """At tau = 0 the gap P(0) - J' P(0) J is blkdiag(0, P_22(0)) >= 0, for J = blkdiag(I, 0)."""
-    lost = [i for i in range(N) if i not in kept]
-    if not kept or any(P_0[i, j] != 0 for i in kept for j in lost):
+def _positive_on_range(P_0: Matrix, J: Matrix, kept: list[int]) -> bool:
+    """P(0) > 0, or only on what J keeps where it erases all the rest."""
+    return _positive(P_0[kept, kept] if kept and erases_the_rest(J, kept) else P_0)
+
+
+def _gap_from_zero(P_0: Matrix, J: Matrix, kept: list[int]) -> bool:
+    """At tau = 0: J = diag(I, j) and P(0) = diag(P_11, Q) exactly, so P(0) - J'P(0)J = diag(0, Q - j'Q j); Q - j'Q j > 0."""
+    lost = [i for i in range(J.shape[0]) if i not in kept]
+    if any(P_0[i, j] != 0 for i in kept for j in lost):
         return False
-    return not lost or _positive(P_0[lost, lost])
+    return not lost or _positive(jump_gap(P_0[lost, lost], P_0[lost, lost], J[lost, lost]))
 
 
 def _positive(M: Matrix) -> bool:
@@ -144,12 +173,16 @@ def symmetric_from_upper(rows: list[list[str]]) -> Matrix:
 def _prove_monodromy(inclusion: HybridInclusion, certificate: Certificate) -> Definiteness:
     """rho(J exp(A T) exp(sigma T)) < 1 for a linear error system sampled periodically."""
     law = certificate.sampling
-    if inclusion.entries or law.T_min != law.T_max or law.T_max.sign() != 1:
+    if inclusion.entries or not (law.is_periodic and law.is_bounded):
         return UNDECIDED
     maps, T = inclusion.balls, _value(law.T_max)
     sigma = rate(certificate)
     Phi = (maps.base + Matrix.identity(maps.base.shape[0]) * sigma).exp(T)
     return Definiteness("proved", None) if has_spectral_radius_below(maps.jump @ Phi) else UNDECIDED
+
+
+def _by(holds: Callable[[HybridInclusion, Certificate], bool]) -> Callable[[HybridInclusion, Certificate], Definiteness]:
+    return lambda inclusion, certificate: Definiteness("proved", None) if holds(inclusion, certificate) else UNDECIDED
 
 
 # The search: floats and the solver propose, `prove` decides.
@@ -158,25 +191,39 @@ _SCHEDULE = ((3, 4, 2), (4, 5, 4), (5, 6, 6), (6, 7, 10))  # (d, D, pieces), coa
 # Unknowns allowed for each shape, by effort: small plants go further in the schedule.
 _LARGEST = ((10_000, 0, 0, 0), (10_000, 800, 350, 0), (10_000, 10_000, 1400, 400), (10_000, 10_000, 2600, 2600))
 _TOLERANCE = (Fraction(1, 100), Fraction(1, 500), Fraction(1, 2000), Fraction(1, 5000))  # of a period search
+_LINEAR_TOLERANCE = (Fraction(1, 500), Fraction(1, 2000), Fraction(1, 10000), Fraction(1, 100000))
 GAIN_DIGITS = 6
 
 
 def analyse(inclusion: HybridInclusion, effort: int, sigma: Fraction = Fraction(0), cuts: Cuts | None = None) -> Certificate | None:
     """A proved certificate for this gain under the inclusion's sampling law, with decay rate sigma, or None.
 
-    A linear error system sampled periodically is decided by its spectral radius; else the schedule of
-    degrees and pieces is tried up to `effort` (0..3). Uses the solver. `cuts` remembers which corners bound
-    before: pass the same dict through a search over periods or gains.
+    A dead beat needs no search. A linear error system sampled periodically is decided by its spectral radius,
+    under an interval of periods by forms of its sampled error; else the schedule of degrees and pieces is tried
+    up to `effort` (0..3). Uses the solver. `cuts` remembers which corners bound before: pass the same dict
+    through a search over periods or gains.
     """
     cuts = {} if cuts is None else cuts
-    if not inclusion.entries and inclusion.sampling.kind == "periodic":
+    gone = dead_beat.analyse(inclusion)
+    if gone is not None:
+        return gone
+    if not inclusion.entries and inclusion.sampling.is_periodic:
         certificate = Certificate(MONODROMY, inclusion.sampling, {"sigma": fraction_text(sigma)})
         return certificate if prove(inclusion, certificate).proved else None
+    if common_quadratic.applies(inclusion):
+        common = analyse_linear(inclusion, effort, sigma)
+        if common is not None or inclusion.balls.jump.is_rational:
+            return common
     for shape in shapes(inclusion, effort):
         proposed = propose(inclusion, shape, sigma, cuts)
         if proposed is not None and prove(inclusion, proposed).proved:
             return proposed
     return None
+
+
+def analyse_linear(inclusion: HybridInclusion, effort: int, sigma: Fraction) -> Certificate | None:
+    """A form or a polygon for a linear loop under an interval of periods, proved, or None."""
+    return common_quadratic.analyse(inclusion, effort, sigma) or polygon.analyse(inclusion, effort, sigma)
 
 
 def design_impulsive(
@@ -190,9 +237,9 @@ def design_impulsive(
     """
     cuts = {} if cuts is None else cuts
     law = open_loop.sampling
-    if len(open_loop.entries) > MAX_CORNER_ENTRIES or law.T_max.sign() != 1 or law.kind == "updated":
+    if len(open_loop.entries) > MAX_CORNER_ENTRIES or law.T_max.sign() != 1 or law.is_updated:
         return None
-    from_zero, longest = law.T_min.sign() == 0, law.T_max.rational
+    from_zero, longest = law.from_zero, law.T_max.rational
     away = open_loop
     if from_zero:
         if longest is None:
@@ -247,9 +294,15 @@ def largest_period(
         at: the inclusion with its sampling law at a given period (or largest period).
         start: where to look first; the search walks up or down from it, then bisects. For a linear error system
             sampled periodically: the end of the proved interval that holds `start`, or else of the first one.
+            Where one sample erases every error: `start` itself, as no period is too long.
     """
+    if dead_beat.resets(at(start)):
+        gone = dead_beat.analyse(at(start))
+        return None if gone is None else (start, gone)
     if is_linear(at(start)):
         return _longest_linear(at, start, sigma)
+    if common_quadratic.applies(at(start)) and at(start).balls.jump.is_rational:
+        return _longest_aperiodic(at, start, effort, sigma)
     cuts: Cuts = {}
     return _largest(lambda T: analyse(at(T), effort, sigma, cuts), lambda T: analyse(at(T), 0, sigma, cuts), start, effort)
 
@@ -263,6 +316,29 @@ def _longest_linear(at: Callable[[Exact], HybridInclusion], start: Exact, sigma:
         certificate = analyse(at(chosen.high), 0)
         return None if certificate is None else (chosen.high, certificate)
     return _largest(lambda T: analyse(at(T), 0, sigma), lambda T: analyse(at(T), 0, sigma), start, 3)
+
+
+def _longest_aperiodic(
+    at: Callable[[Exact], HybridInclusion], start: Exact, effort: int, sigma: Fraction
+) -> tuple[Exact, Certificate] | None:
+    """A walk by factors from `start`, then bisection: the laws [T_min, T] grow with T."""
+    from cdobs_cli.certify.bracket import largest_proved, short_period
+
+    def prove_at(T: Exact) -> Certificate | None:
+        return analyse_linear(at(T), effort, sigma)
+
+    low, floor = float(start), float(at(start).sampling.T_min)
+    found, steps = prove_at(start), 0
+    while found is None and steps < 24:
+        low, steps = floor + (low - floor) / 1.6, steps + 1
+        found = prove_at(short_period(low))
+    if found is None:
+        return None
+    high = low * 1.6
+    while steps == 0 and high < 1e3 * float(start) and prove_at(short_period(high)) is not None:
+        low, high = high, high * 1.6
+    lowest = start if low == float(start) else short_period(low)
+    return largest_proved(prove_at, lowest, short_period(high), _LINEAR_TOLERANCE[_level(effort)])
 
 
 def largest_period_design(
@@ -306,7 +382,7 @@ def _level(effort: int) -> int:
 
 def shapes(inclusion: HybridInclusion, effort: int) -> Iterator[Shape]:
     """The schedule of shapes for this inclusion, coarse to fine."""
-    if inclusion.sampling.kind == "updated":
+    if inclusion.sampling.is_updated:
         return
     T_min, T_max = float(inclusion.sampling.T_min), float(inclusion.sampling.T_max)
     if not 0 < T_max < 1e12 or len(inclusion.entries) > MAX_CORNER_ENTRIES:
@@ -316,7 +392,7 @@ def shapes(inclusion: HybridInclusion, effort: int) -> Iterator[Shape]:
     for (d, D, pieces), largest in zip(_SCHEDULE, _LARGEST[level], strict=True):
         if (pieces * d + 1) * N * (N + 1) // 2 > largest:
             return
-        if inclusion.sampling.T_min == inclusion.sampling.T_max:
+        if inclusion.sampling.is_periodic:
             yield Shape(d, D, pieces, 0)
         elif T_min == 0:
             yield Shape(d, D, 0, pieces)
@@ -368,14 +444,17 @@ def _search(
     import numpy as np
 
     law = inclusion.sampling
-    from_zero = law.T_min.sign() == 0
-    S = projected_basis(inclusion) if from_zero and C is None else basis(inclusion)
+    from_zero = law.from_zero
+    S = split_basis(inclusion) if from_zero and C is None else basis(inclusion)
     if S is None or (from_zero and C is not None):
         return None
     change = np.array(S, dtype=float)
     maps = in_basis(inclusion.floats, change, np.linalg.inv(change))
     T = float(law.T_max)
-    jump = np.round(maps.jump) if from_zero else maps.jump  # a diagonal of zeros and ones, exactly so
+    jump = maps.jump
+    if from_zero:  # its zeros and ones exactly so
+        exact = Matrix.from_rows(S)
+        jump = (exact.inverse() @ inclusion.balls.jump @ exact).floats
     unit = ErrorMaps(maps.base * T, tuple(column * T for column in maps.left), maps.right, maps.lower, maps.upper, jump)
     if not all(np.all(np.isfinite(part)) for part in (unit.base, unit.jump, *unit.left, *unit.right)):
         return None
@@ -388,24 +467,20 @@ def _search(
     return solution, S
 
 
-def projected_basis(inclusion: HybridInclusion) -> list[list[Fraction]] | None:
-    """Columns of S with S^-1 J S = diag(1, .., 1, 0, .., 0), for a rational projection J; None for any other J.
+def split_basis(inclusion: HybridInclusion) -> list[list[Fraction]] | None:
+    """Columns of S with S^-1 J S = diag(I, j), 1 no eigenvalue of j, for a rational J; None where there are none.
 
-    A hold's J is one; I - K C is one where C K = I. Columns are scaled like those of `basis`."""
+    A hold's J has j = 0, as has I - K C with C K = I. Columns are scaled like those of `basis`."""
     J = inclusion.balls.jump
-    if not J.is_rational or (J @ J).data != J.data:
-        return None
-    identity = Matrix.identity(J.shape[0])
-    kept, lost = null_space(identity - J), null_space(J)
-    if kept is None or lost is None:
+    parts = kept_and_lost(J) if J.is_rational else None
+    if parts is None:
         return None
     units = [row[i] for i, row in enumerate(basis(inclusion))]
     columns = []
-    for part in (kept, lost):
-        for column in part.T.tolist():
-            entries = [Fraction(int(value.p), int(value.q)) for value in column]
-            size = max((abs(entry / unit) for entry, unit in zip(entries, units, strict=True)), default=Fraction(1))
-            columns.append([entry / Fraction(2) ** _exponent(float(size)) for entry in entries])
+    for column in parts[1].T.tolist():
+        entries = [Fraction(int(value.p), int(value.q)) for value in column]
+        size = max((abs(entry / unit) for entry, unit in zip(entries, units, strict=True)), default=Fraction(1))
+        columns.append([entry / Fraction(2) ** _exponent(float(size)) for entry in entries])
     return [list(row) for row in zip(*columns, strict=True)]
 
 

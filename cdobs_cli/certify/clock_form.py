@@ -79,12 +79,17 @@ def _combination(weights: tuple[Fraction, ...], matrices: list[Any]) -> Any:
 
 
 def kept_states(J: Matrix) -> list[int]:
-    """The states that J keeps, where J is a diagonal of zeros and ones; else none."""
-    rows = J.tolist()
+    """The states that J keeps and does not couple with others: rows and columns of the identity, exactly so."""
+    rows, N = J.tolist(), J.shape[0]
     # `==` is certain for balls, `!=` is not its opposite.
-    if not all(value == int(i == j and value == 1) for i, row in enumerate(rows) for j, value in enumerate(row)):
-        return []
-    return [i for i, row in enumerate(rows) if row[i] == 1]
+    return [i for i in range(N) if all(rows[i][j] == int(i == j) and rows[j][i] == int(i == j) for j in range(N))]
+
+
+def erases_the_rest(J: Matrix, kept: list[int]) -> bool:
+    """Whether J is 0, exactly so, on the states that are not kept."""
+    rows = J.tolist()
+    lost = [i for i in range(J.shape[0]) if i not in kept]
+    return all(rows[i][j] == 0 for i in lost for j in lost)
 
 
 def in_basis(maps: ErrorMaps[M_], S: M_, inverse: M_) -> ErrorMaps[M_]:

@@ -12,7 +12,7 @@ from itertools import product
 from typing import TYPE_CHECKING, Any
 
 from cdobs_cli.certify.bernstein import derivative, elevation
-from cdobs_cli.certify.clock_form import Shape, jump_block, jump_gap, kept_states, lyapunov
+from cdobs_cli.certify.clock_form import Shape, erases_the_rest, jump_block, jump_gap, kept_states, lyapunov
 from cdobs_cli.hybrid import ErrorMaps
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ class Search:
 
     Attributes:
         C: the output matrix where the jump I - K C is free; None where `maps.jump` is given.
-        from_zero: the jump holds from tau = 0 with a hold: P(0) is block diagonal.
+        from_zero: the jump holds from tau = 0: J = diag(I, j), and P(0) is block diagonal alike.
         cuts: (coefficient of the flow inequality, corner) pairs imposed; carried from one period to the next.
     """
 
@@ -177,8 +177,9 @@ class Search:
         rows: list[Array] = []
         right: list[float] = []
         cones: list[tuple[str, int]] = []
-        kept = kept_states(Matrix.from_floats(J)) if self.C is None else []
-        positive = kept or list(range(self.N))
+        exact = Matrix.from_floats(J)
+        kept = kept_states(exact) if self.C is None else []
+        positive = kept if kept and erases_the_rest(exact, kept) else list(range(self.N))
         trace = np.zeros((1, self._size))
         trace[0, self._unknown(0)] = self.svec(np.diag([float(i in positive) for i in range(self.N)]))
         rows.append(trace)
@@ -196,7 +197,9 @@ class Search:
                 right.extend([0.0] * len(crossing))
                 cones.append(("zero", len(crossing)))
             if lost:
-                rows.append(self._semidefinite({0: self.svec(self.basis[:, lost][:, :, lost])}, len(lost)))
+                corner = J[np.ix_(lost, lost)]
+                gaps = np.array([jump_gap(P, P, corner) for P in self.basis[:, lost][:, :, lost]])
+                rows.append(self._semidefinite({0: self.svec(gaps)}, len(lost)))
                 right.extend([0.0] * (len(lost) * (len(lost) + 1) // 2))
                 cones.append(("psd", len(lost)))
         if self.C is None:

@@ -8,7 +8,8 @@ from dataclasses import replace
 from cdobs_cli.certificate import Bound, Claim
 from cdobs_cli.design import Confinement
 from cdobs_cli.exact.numbers import text_below
-from cdobs_cli.plant import Domain, Plant, SamplingLaw
+from cdobs_cli.plant import Domain, Plant
+from cdobs_cli.sampling import SamplingLaw
 
 CONVERGENCE = "convergence"
 _PERIODS = ("period_max", "period_max_any_gain")

@@ -90,7 +90,7 @@ def refute_every_gain(open_loop: HybridInclusion, effort: int) -> Refutation | N
     """Prove that every K fails at the constant period of `open_loop`, whose jump is not read; None where that
     stays open. Loads no solver."""
     planar, delta = planar_class(open_loop), open_loop.sampling.T_max.rational
-    if planar is None or delta is None or delta <= 0 or open_loop.sampling.kind != "periodic":
+    if planar is None or delta is None or delta <= 0 or not open_loop.sampling.is_periodic:
         return None
     C = open_loop.plant.C
     if C.shape != (1, 2) or C[0, 0].sign() in (0, None) or C[0, 1].sign() != 0:

@@ -21,11 +21,13 @@ from flint import arb
 
 from cdobs_cli.certificate import Witness
 from cdobs_cli.certify.ball import has_spectral_radius_at_least, is_hurwitz, null_space, spectral_radius_lower
+from cdobs_cli.certify.floats import exponentials as exponentials
+from cdobs_cli.certify.floats import spectral_radii as spectral_radii
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import Exact, decimal_text, lower_text
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     import numpy as np
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 _ALL_CORNERS = 10  # up to 2^10 corners are all tried, beyond that an ascent picks some
+_PERIOD_WORDS = 6
 _SLACK = 1e-7  # how far below 1 a float spectral radius may be for a proof to be tried
 
 
@@ -79,12 +82,13 @@ def refute(inclusion: HybridInclusion, effort: int) -> Witness | None:
     """A proved counterexample under the inclusion's sampling law, or None.
 
     Tries constant slopes that leave an error unseen for ever; constant slopes at the corners of the box, at
-    periods the law contains; and from effort 1 on V(t) that switch between corners, over words of several periods.
+    periods the law contains; words of mixed periods for a linear loop; and from effort 1 on V(t) that switch
+    between corners, over words of several periods.
     """
     import numpy as np
 
     with np.errstate(all="ignore"):
-        for words in (_unseen_words, _constant_words, _switching_words):
+        for words in (_unseen_words, _constant_words, _period_words, _switching_words):
             for word in words(inclusion, effort):
                 multiplier = prove(inclusion, word)
                 if multiplier is not None:
@@ -222,6 +226,25 @@ def _switching_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
         yield Word(tuple(periods))
 
 
+def _period_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
+    """No uncertain slope, an interval of periods: what `period_words` proposes, in decimals inside the law."""
+    from cdobs_cli.certify.period_words import propose
+
+    law, maps = inclusion.sampling, inclusion.floats
+    low, high = law.T_min, law.T_max
+    if inclusion.entries or low == high or high.sign() != 1 or not _finite(maps):
+        return
+    for proposal in propose(maps.base, maps.jump, float(low), float(high), effort)[:_PERIOD_WORDS]:
+        if proposal.radius < 1 - _SLACK:
+            return
+        periods = []
+        for period in proposal.periods:
+            T = Exact(decimal_text(period, 12))
+            ends = [end for end in (low, high) if end.sign() == 1 and not (_at_most(low, T) and _at_most(T, high))]
+            periods.append(min(ends, key=lambda end: abs(float(end) - period)) if ends else T)
+        yield Word(tuple((Arc(T, ()),) for T in periods))
+
+
 def _constant_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
     """Constant corners, the most unstable in floats first, at each period worth a try."""
     import numpy as np
@@ -245,7 +268,7 @@ def candidate_periods(law: SamplingLaw, effort: int) -> list[Exact]:
     """Periods of the law worth a try: its ends, and for an interval some between (0 is never used: a law
     from 0 contains arbitrarily short periods, not the period 0)."""
     ends = [T for T in (law.T_max, law.T_min) if T.sign() == 1]
-    if law.T_min == law.T_max or not ends:
+    if law.is_periodic or not ends:
         return ends[:1]
     low, high = law.T_min.rational, law.T_max.rational
     if low is None or high is None:
@@ -299,33 +322,3 @@ def _finite(maps: ErrorMaps[Any]) -> bool:
 
     parts = (maps.base, maps.jump, *maps.left, *maps.right, np.array(maps.lower), np.array(maps.upper))
     return all(bool(np.all(np.isfinite(part))) for part in parts)
-
-
-def exponentials(batch: Array) -> Array:
-    """exp of each matrix of a stack (k, N, N), in floats: scaling, a Taylor polynomial, squaring."""
-    import numpy as np
-
-    norms = np.abs(batch).sum(axis=-1).max(axis=-1) if batch.size else np.zeros(len(batch))
-    squarings = int(max(0, np.ceil(np.log2(max(norms.max(initial=0.0), 1e-300))) + 3))
-    if squarings > 40:  # overflow or far beyond any use
-        return np.full_like(batch, np.nan)
-    scaled = batch / 2.0**squarings
-    identity = np.broadcast_to(np.eye(batch.shape[-1]), batch.shape)
-    total = identity.copy()
-    for k in range(14, 0, -1):
-        total = identity + scaled @ total / k
-    with np.errstate(all="ignore"):
-        for _ in range(squarings):
-            total = total @ total
-    return total
-
-
-def spectral_radii(batch: Array) -> Array:
-    """rho of each matrix of a stack in floats; infinite where an entry is."""
-    import numpy as np
-
-    finite = np.isfinite(batch).all(axis=(-1, -2))
-    radii = np.full(len(batch), np.inf)
-    if finite.any():
-        radii[finite] = np.abs(np.linalg.eigvals(batch[finite])).max(axis=-1)
-    return radii

@@ -284,7 +284,7 @@ def analyse(inclusion: HybridInclusion, sigma: Fraction = Fraction(0)) -> Certif
     """A proved certificate, for a planar class, a jump with K_1 = 1, and a rational constant period; else None.
 
     It holds no data but the rate: the proof is the sweep itself. Loads no solver."""
-    if inclusion.sampling.kind != "periodic":
+    if not inclusion.sampling.is_periodic:
         return None
     certificate = Certificate(METHOD, inclusion.sampling, {"sigma": fraction_text(sigma)})
     return certificate if prove(inclusion, certificate).proved else None
@@ -295,7 +295,7 @@ def prove(inclusion: HybridInclusion, certificate: Certificate) -> Definiteness:
     law = certificate.sampling
     planar, K_2 = planar_class(inclusion), cleared_gain(inclusion)
     delta = law.T_max.rational
-    if certificate.method != METHOD or planar is None or K_2 is None or delta is None or delta <= 0 or law.T_min != law.T_max:
+    if certificate.method != METHOD or planar is None or K_2 is None or delta is None or delta <= 0 or not law.is_periodic:
         return UNDECIDED
     family, b = planar
     try:
@@ -314,7 +314,7 @@ def prove(inclusion: HybridInclusion, certificate: Certificate) -> Definiteness:
 def best_gain(open_loop: HybridInclusion) -> Fraction | None:
     """K_2 in the middle of the gains that no extremal defeats, in floats; None where there are none."""
     planar = planar_class(open_loop)
-    if planar is None or open_loop.sampling.kind != "periodic":
+    if planar is None or not open_loop.sampling.is_periodic:
         return None
     family, b = planar
     least, most, _, _ = family.floats(float(open_loop.sampling.T_max)).gains()

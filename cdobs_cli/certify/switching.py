@@ -47,7 +47,7 @@ def propose(inclusion: HybridInclusion, effort: int, exponentials: Any) -> list[
     """
     level = max(0, min(effort, 3))
     maps = inclusion.floats
-    if level == 0 or (not maps.lower and inclusion.sampling.T_min == inclusion.sampling.T_max):
+    if level == 0 or not maps.lower:  # without slopes the periods alone are left: `period_words`
         return []
     return propose_for(maps, list(_period_words(inclusion, _PERIODS[level])), level, exponentials)
 

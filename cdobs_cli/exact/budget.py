@@ -36,6 +36,11 @@ def spend(operations: int) -> None:
         raise WorkError
 
 
+def spent() -> int:
+    """Operations counted since the program began."""
+    return _spent
+
+
 def forgotten(clear: Callable[[], None]) -> None:
     """What is remembered from other tasks would make equal work cost less: cleared before a task is counted."""
     _memories.append(clear)

@@ -367,7 +367,10 @@ def _text(node: Expression, level: int) -> str:
         return f"({text})" if level > 3 else text
     assert isinstance(node, Call)
     if node.function not in _INFIX:
-        return f"{node.function}({', '.join(_text(child, 0) for child in node.children)})"
+        arguments = []
+        for child in node.children:  # no generator: it would take a frame of its own at each level
+            arguments.append(_text(child, 0))
+        return f"{node.function}({', '.join(arguments)})"
     sign, own = _INFIX[node.function]
     left, right = node.children
     if node.function == "multiply" and left == MINUS_ONE:
@@ -381,8 +384,9 @@ def _text(node: Expression, level: int) -> str:
         return f"({text})" if level > own else text
     # a * (b / c) must keep its brackets: the printed text is read back to the same tree.
     same = {"multiply": ("multiply", "divide"), "add": ("add",), "divide": ()}[node.function]
-    inner = (
-        f"({_text(right, 0)})" if isinstance(right, Call) and right.function in same else _text(right, own + (node.function == "divide"))
-    )
+    if isinstance(right, Call) and right.function in same:
+        inner = f"({_text(right, 0)})"
+    else:
+        inner = _text(right, own + (node.function == "divide"))
     text = f"{_text(left, own)} {sign} {inner}"
     return f"({text})" if level > own else text

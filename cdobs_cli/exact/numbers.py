@@ -70,6 +70,10 @@ class Exact:
     def __mul__(self, other: Exact) -> Exact:
         return Exact(self.expression * other.expression)
 
+    def is_at_most(self, other: Exact) -> bool:
+        """Whether self <= other for certain."""
+        return self == other or (other - self).sign() in (0, 1)
+
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Exact) and self.expression == other.expression
 
@@ -162,12 +166,12 @@ def arb_fraction(value: arb) -> Fraction:
 
 
 def lower_text(value: arb, digits: int = 12) -> str:
-    """A decimal not above any point of the ball; `-inf` where it is unbounded."""
+    """A decimal not above any point of the ball; `-inf` where it is unbounded, `inf` for infinity itself."""
     return _directed(value.lower(), digits, ROUND_FLOOR, "-inf")
 
 
 def upper_text(value: arb, digits: int = 12) -> str:
-    """A decimal not below any point of the ball; `inf` where it is unbounded."""
+    """A decimal not below any point of the ball; `inf` where it is unbounded, `-inf` for minus infinity itself."""
     return _directed(value.upper(), digits, ROUND_CEILING, "inf")
 
 
@@ -193,6 +197,8 @@ def clipped(end: arb, *, up: bool) -> Fraction | None:
 
 
 def _directed(end: arb, digits: int, rounding: str, unbounded: str) -> str:
+    if not end.is_finite() and (end > 0 or end < 0):  # infinity itself, not an end that is not known
+        return "inf" if end > 0 else "-inf"
     exact = clipped(end, up=rounding == ROUND_CEILING) if end.is_finite() else None
     if exact is None:
         return unbounded

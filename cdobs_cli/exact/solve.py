@@ -40,7 +40,8 @@ def solve(equations: Sequence[Expression], unknowns: Sequence[str], nonnegative:
 
 def _easiest(equations: Sequence[Expression], unknowns: Sequence[str], nonnegative: Collection[str]) -> tuple[int, str, Expression] | None:
     """An equation with as few unknowns as possible, and one of them solved for."""
-    order = sorted(range(len(equations)), key=lambda k: (len(equations[k].variables & set(unknowns)), equations[k].size))
+    wanted = set(unknowns)
+    order = sorted(range(len(equations)), key=lambda k: (len(equations[k].variables & wanted), equations[k].size))
     for k in order:
         for name in unknowns:
             if name in equations[k].variables:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from importlib.resources import files
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict
@@ -28,15 +29,19 @@ class Family(BaseModel, ABC):
     """Base of the observer families: parameters as fields, the verbs as methods.
 
     Subclasses have `family: Literal["name"] = "name"` and `objective: Literal[..]`, its default first.
-    `example` is the commented spec that `cdobs init` prints: it runs as it is.
+    `example.yaml` beside the card is the commented spec that `cdobs init` prints: it runs as it is.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, defer_build=True)
 
     source: ClassVar[str]
-    example: ClassVar[str]
     # Whether convergence is claimed under the declared disturbance and noise (bounds hold), or without them.
     disturbed: ClassVar[bool] = False
+
+    @classmethod
+    def example(cls) -> str:
+        """The text of `example.yaml`."""
+        return files(cls.__module__).joinpath("example.yaml").read_text(encoding="utf-8")
 
     @property
     def name(self) -> str:

@@ -389,7 +389,8 @@ def mathml(piece: Formula) -> str:
         case Digits(text):
             return f"<mn>{escape(text.replace('-', '−'))}</mn>"
         case Operator(text):
-            return f"<mo>{escape(text)}</mo>"
+            # In ASCII: a page shows invisible characters as escapes.
+            return f"<mo>{escape(text).encode('ascii', 'xmlcharrefreplace').decode()}</mo>"
         case Words(text):
             return f"<mtext>{escape(text)}</mtext>"
         case Row(parts):

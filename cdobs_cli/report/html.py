@@ -9,7 +9,8 @@ from html import escape
 from cdobs_cli.printable import printable
 from cdobs_cli.report.blocks import Block, Bullets, Cell, Code, Grid, Listing, Mark, Mathematics, Paragraph, Picture
 from cdobs_cli.report.equations import mathml_block
-from cdobs_cli.report.model import NOTHING, Report
+from cdobs_cli.report.model import Report
+from cdobs_cli.report.numbers import NOTHING
 from cdobs_cli.report.sections import sections
 from cdobs_cli.report.status import STATUS_CLASSES, SYMBOLS, status_badge
 from cdobs_cli.report.style import page

@@ -8,34 +8,18 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
+from importlib.resources import files
 from urllib.parse import quote
 
 from cdobs_cli.certificate import Bound
-from cdobs_cli.report.model import Report, bound_title, bracket_text, float_or_none, number_text
+from cdobs_cli.report.model import Report, bound_title
+from cdobs_cli.report.numbers import bracket_text, float_or_none, number_text
 from cdobs_cli.report.status import status_badge
 from cdobs_cli.report.style import page
 
 # Worst first: what needs a look stands on top when sorted.
 _RANK = {"failed": 0, "invalid": 1, "refuted": 2, "no design found": 3, "undecided": 4, "not checked": 5, "proved": 6}
-_SORT = """
-document.querySelectorAll('table.index th button').forEach(function (button) {
-  button.addEventListener('click', function () {
-    var head = button.parentElement, body = head.closest('table').tBodies[0];
-    var column = head.cellIndex, up = head.getAttribute('aria-sort') !== 'ascending';
-    var key = function (row) { var cell = row.cells[column], k = cell.dataset.key; return k === undefined ? cell.textContent : k; };
-    var rows = Array.prototype.slice.call(body.rows);
-    rows.sort(function (a, b) {
-      var x = key(a), y = key(b);
-      if (x === '' || y === '') return (x === '') - (y === '');
-      var order = isNaN(x) || isNaN(y) ? x.localeCompare(y) : x - y;
-      return up ? order : -order;
-    });
-    head.parentElement.querySelectorAll('th').forEach(function (other) { other.removeAttribute('aria-sort'); });
-    head.setAttribute('aria-sort', up ? 'ascending' : 'descending');
-    rows.forEach(function (row) { body.appendChild(row); });
-  });
-});
-"""
+_SORT = "\n" + files("cdobs_cli.report").joinpath("sort.js").read_text(encoding="utf-8")
 
 
 @dataclass(frozen=True)

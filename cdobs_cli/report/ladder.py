@@ -36,7 +36,7 @@ _CAPTION = "Solid: proved. Hatched: refuted from there on, by a counterexample a
 def period_ladder(bounds: Mapping[str, Bound]) -> Ladder | None:
     """The ladder of `period_max`, its methods, `period_max_any_gain` and the bounds that are periods too; None
     where no end of any is known."""
-    from cdobs_cli.report.model import bracket_text, float_or_none
+    from cdobs_cli.report.numbers import bracket_text, float_or_none
 
     rungs = []
     for name, label in _labels(bounds).items():
@@ -71,7 +71,7 @@ def _labels(bounds: Mapping[str, Bound]) -> dict[str, str]:
 
 def _height(bound: Bound) -> tuple[float, float]:
     """Lowest rung first."""
-    from cdobs_cli.report.model import float_or_none
+    from cdobs_cli.report.numbers import float_or_none
 
     proved, refuted = float_or_none(bound.proved), float_or_none(bound.refuted)
     return (0.0 if proved is None else proved, math.inf if refuted is None else refuted)

@@ -38,6 +38,26 @@ def replay_chart(name: str, claim: str, arrays: dict[str, NDArray[np.float64]], 
     return Chart(name, "Counterexample, run", f"The error under the counterexample to {claim}.", (error, *slopes))
 
 
+def crossing_chart(name: str, claim: str, states: Sequence[str], arrays: dict[str, NDArray[np.float64]]) -> Chart:
+    """Each state between its bounds, up to where one of them has crossed it.
+
+    Args:
+        arrays: t (N,), x, x_lower, x_upper (N, n), as the replay of a box stores them.
+    """
+    panels = [
+        Panel(
+            "time (s)", label,
+            (
+                Series("lower bound", arrays["t"], arrays["x_lower"][:, j], "line", "estimate"),
+                Series("upper bound", arrays["t"], arrays["x_upper"][:, j], "line", "estimate"),
+                Series("state", arrays["t"], arrays["x"][:, j], "line", "refuted"),
+            ),
+        )
+        for j, label in enumerate(states[:MAX_SLOPES])
+    ]  # fmt: skip
+    return Chart(name, "Counterexample, run", f"A bound crosses the state under the counterexample to {claim}.", tuple(panels))
+
+
 def replay_figures(chart: Chart) -> dict[str, bytes]:
     """The figure in all formats, by relative name."""
     drawing = draw(chart)

@@ -10,18 +10,8 @@ from cdobs_cli.certificate import Bound, Claim, Witness
 from cdobs_cli.chart import Table
 from cdobs_cli.report.blocks import Block, Bullets, Cell, Code, Grid, Listing, Mark, Mathematics, Paragraph, Picture, Section
 from cdobs_cli.report.ladder import Ladder
-from cdobs_cli.report.model import (
-    NOTHING,
-    Report,
-    about_text,
-    bound_title,
-    domain_text,
-    end_text,
-    ends_text,
-    law_text,
-    margin_text,
-    number_text,
-)
+from cdobs_cli.report.model import Report, bound_title, domain_text
+from cdobs_cli.report.numbers import NOTHING, about_text, end_text, ends_text, margin_text, number_text
 from cdobs_cli.report.references import cited
 from cdobs_cli.report.systems import (
     flow_equations,
@@ -106,9 +96,9 @@ def _slopes(report: Report) -> tuple[Block, ...]:
 
 def _measurement(report: Report) -> Section:
     designed, typed = report.design.sampling, report.plant.sampling
-    text = f"Samples are taken {law_text(designed)}."
-    if designed != typed and typed.kind != "updated":
-        text += f" This is the law designed for; the spec asks for samples {law_text(typed)} at least."
+    text = f"Samples are taken {designed.text('s')}."
+    if designed != typed and not typed.is_updated:
+        text += f" This is the law designed for; the spec asks for samples {typed.text('s')} at least."
     return Section("Measurement", (Mathematics(output_equations(report.plant)), Paragraph(text)))
 
 
@@ -207,7 +197,7 @@ def _witnesses(report: Report) -> Section:
             if claim.witness.data:
                 blocks.append(_data(claim.witness))
             blocks += [Picture(chart) for chart in report.charts if chart.name == witness_name(claim)]
-            if claim.witness.kind in ("constant", "switching"):
+            if claim.witness.kind in ("constant", "switching", "box"):
                 blocks.append(Listing((f"cdobs simulate {quote(report.spec_path)} --witness {claim.id}",)))
     return Section("Counterexamples", tuple(blocks))
 
@@ -217,6 +207,7 @@ def witness_text(witness: Witness) -> str:
     kind = {
         "constant": "constant slopes defeat the claim", "switching": "slopes that switch defeat the claim",
         "vector": "a vector defeats the claim", "point": "a point of the domain defeats the claim",
+        "box": "a box of x(0) and a word of sampling periods defeat the claim",
     }[witness.kind]  # fmt: skip
     if witness.kind == "constant" and not any(witness.values):
         kind = "sampling at this period defeats the claim"

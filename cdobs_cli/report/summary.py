@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections import Counter
 
 from cdobs_cli.certificate import Bound, Status
-from cdobs_cli.report.model import Report, end_text, ends_text, law_text, unit_text
+from cdobs_cli.report.model import Report
+from cdobs_cli.report.numbers import end_text, ends_text, unit_text
 
 MAX_LISTED = 12
 
@@ -25,7 +26,7 @@ def summary_lines(report: Report) -> list[str]:
     """A few plain lines: verdict, law, bracket, what failed. Status words stand first, so that a terminal can
     colour them."""
     lines = [f"{report.name}: {report.verdict}", f"  {' '.join(report.sentence.split())}"]
-    lines.append(f"  sampling: {law_text(report.design.sampling)}")
+    lines.append(f"  sampling: {report.design.sampling.text('s')}")
     for name, bound in report.check.bounds.items() if report.check else ():
         if "." not in name and (bound.proved is not None or bound.refuted is not None):
             method = f" (by {bound.method})" if bound.method else ""

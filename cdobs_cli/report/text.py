@@ -7,7 +7,8 @@ import re
 from cdobs_cli import printable
 from cdobs_cli.report.blocks import Block, Bullets, Cell, Code, Grid, Listing, Mark, Mathematics, Paragraph, Picture
 from cdobs_cli.report.equations import latex_block
-from cdobs_cli.report.model import Report, about_text, bound_title
+from cdobs_cli.report.model import Report, bound_title
+from cdobs_cli.report.numbers import about_text
 from cdobs_cli.report.sections import sections
 from cdobs_cli.report.status import SYMBOLS
 from cdobs_cli.report.summary import ends_sentence

@@ -12,8 +12,8 @@ import numpy as np
 from cdobs_cli.errors import Problem, SpecError
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import HybridSystem
-from cdobs_cli.plant import SamplingLaw
 from cdobs_cli.run import Run, SimulationPlan
+from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.integrator import End, ManyRuns, OneRun, Progress
 from cdobs_cli.simulate.loop import ClosedLoop
 from cdobs_cli.simulate.record import Grid, Record

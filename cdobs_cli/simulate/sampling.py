@@ -8,8 +8,8 @@ import numpy as np
 
 from cdobs_cli.errors import Problem, SpecError
 from cdobs_cli.exact.compiled import compile_floats
-from cdobs_cli.plant import SamplingLaw
 from cdobs_cli.run import SimulationPlan
+from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.loop import stacked
 from cdobs_cli.simulate.signals import Draws
 
@@ -33,7 +33,7 @@ class Timetable:
     """
 
     def __init__(self, law: SamplingLaw, plan: SimulationPlan, draws: Draws, max_samples: int) -> None:
-        self.low, self.high, self.periodic = float(law.T_min), float(law.T_max), law.kind == "periodic"
+        self.low, self.high, self.periodic = float(law.T_min), float(law.T_max), law.is_periodic
         self.horizon, self.draws = float(plan.horizon), draws
         self._typed = None if plan.sampling_times is None else compile_floats([plan.sampling_times], ["t"], arrays=True)
         if not self.high > 0:

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-REPLAYED = ("constant", "switching")
 _POINTS = 24  # of an arc
 _GROWTH = 100.0  # how far the error should have grown at the end
 _FEWEST, _MOST = 6, 60  # repetitions of the word
@@ -74,11 +73,11 @@ class Replay:
 
 
 def replay(inclusion: HybridInclusion, witness: Witness) -> Replay:
-    """Run a `constant` or `switching` witness of the class.
+    """Run a `constant` or `switching` witness of the class, or a `vector` that is an error's direction.
 
     The word is repeated until the error has grown a hundredfold, at least 6 and at most 60 times. The
     measured multiplier is |w'e| after one word over |w'e| before, w the left eigenvector of M: for a complex
-    pair |e| itself swings.
+    pair |e| itself swings. An unseen direction is itself the start, |e| is measured, and 6 words are enough.
 
     Raises:
         UsageError: another kind of witness, or one that is not of this inclusion.
@@ -87,7 +86,8 @@ def replay(inclusion: HybridInclusion, witness: Witness) -> Replay:
 
     from cdobs_cli.certify.falsify import Word
 
-    if witness.kind not in REPLAYED or witness.about != "class":
+    unseen = witness.kind == "vector" and "direction" in witness.data
+    if not unseen and (witness.kind not in ("constant", "switching") or witness.about != "class"):
         raise UsageError(f"a witness of kind {witness.kind} (about the {witness.about}) has no V(t) to run; constant and switching have")
     try:
         word = Word.from_witness(witness)
@@ -110,12 +110,17 @@ def replay(inclusion: HybridInclusion, witness: Witness) -> Replay:
             M = (maps.jump @ flow[-1] if jumps else flow[-1]) @ M
     values, left, right = _eigen(M)
     growth = abs(values)
+    if unseen:
+        right = _direction(witness, size)
+        growth = float(witness.multiplier or 1)
     words = _MOST if growth <= 1.0 + 1e-9 else int(np.clip(np.ceil(np.log(_GROWTH) / np.log(growth)), _FEWEST, _MOST))
+    if unseen:
+        words = min(words, _FEWEST)  # what rounding adds grows with any other error
     e, start = right, 0.0
     t, states, slopes, samples = [], [], [], [0.0]
     measured = []
     for _ in range(words):
-        before = abs(np.vdot(left, e))
+        before = np.linalg.norm(e) if unseen else abs(np.vdot(left, e))
         for times, flow, v, jumps in arcs:
             t.append(start + times)
             states.append(flow @ e)
@@ -124,7 +129,7 @@ def replay(inclusion: HybridInclusion, witness: Witness) -> Replay:
             if jumps:
                 e = maps.jump @ e
                 samples.append(start)
-        measured.append(abs(np.vdot(left, e)) / before)
+        measured.append((np.linalg.norm(e) if unseen else abs(np.vdot(left, e))) / before)
     t.append(np.array([start]))
     states.append(e[None])
     slopes.append(slopes[-1][-1:])
@@ -132,6 +137,24 @@ def replay(inclusion: HybridInclusion, witness: Witness) -> Replay:
         np.concatenate(t), np.concatenate(states), np.concatenate(slopes), np.array(samples), inclusion.entries,
         float(measured[-1]), witness.multiplier,
     )  # fmt: skip
+
+
+def _direction(witness: Witness, size: int) -> Array:
+    """The error's direction, of size 1; further states (held innovations) start at 0.
+
+    Raises:
+        UsageError: it cannot be read, or is of another plant.
+    """
+    from cdobs_cli.exact.numbers import Exact
+
+    try:
+        entries = [float(Exact(text)) for text in witness.data["direction"]]
+    except (TypeError, ValueError, ZeroDivisionError, OverflowError, ExpressionError) as error:
+        raise UsageError(f"a witness that cannot be read: {error}") from error
+    length = float(np.linalg.norm(entries))
+    if not 0 < length < np.inf or len(entries) > size:
+        raise UsageError("a witness of another plant than this design's; run `cdobs check` again")
+    return np.concatenate([np.array(entries) / length, np.zeros(size - len(entries))])
 
 
 def _eigen(M: Array) -> tuple[complex, Any, Array]:

@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Val
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.parser import CONSTANTS, TYPED_FUNCTIONS, nearest
-from cdobs_cli.families.fields import wrong
+from cdobs_cli.fields import wrong
 from cdobs_cli.spec.reader import DecimalText, Document, FieldPath, shown
 
 RESERVED = frozenset({*CONSTANTS, *TYPED_FUNCTIONS, "t", "t_k", "elapsed", "uniform", "normal", "inf", "nan"})

@@ -9,7 +9,7 @@ from pydantic import PlainValidator, ValidationInfo, WithJsonSchema
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.numbers import Exact
-from cdobs_cli.families.fields import (
+from cdobs_cli.fields import (
     Through,
     Vector,
     read_exact,

@@ -10,7 +10,7 @@ from pydantic import ConfigDict, PlainValidator, ValidationInfo, WithJsonSchema
 
 from cdobs_cli.exact.expression import Call as CallNode
 from cdobs_cli.exact.expression import Constant, Expression, Number, Power, Variable
-from cdobs_cli.families.fields import (
+from cdobs_cli.fields import (
     read_expression,
     sized,
     wrong,

@@ -16,7 +16,7 @@ from cdobs_cli.errors import Problem
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.exact.parser import nearest
-from cdobs_cli.families.fields import ExactNumber, NonNegativeNumber, bounded, read_exact, wrong
+from cdobs_cli.fields import ExactNumber, NonNegativeNumber, bounded, read_exact, wrong
 from cdobs_cli.spec.block import Block, Text
 from cdobs_cli.spec.reader import DecimalText
 

@@ -18,7 +18,7 @@ from cdobs_cli.exact.expression import Expression, Number
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import nearest
 from cdobs_cli.families import FAMILIES, Family
-from cdobs_cli.families.fields import read_exact
+from cdobs_cli.fields import read_exact
 from cdobs_cli.plant import Plant, TypedDynamics, coordinate_names
 from cdobs_cli.run import SimulationPlan
 from cdobs_cli.spec.block import Block, Text, is_identifier, placed, read_block
@@ -117,7 +117,11 @@ def load(path: str | Path) -> Spec:
         SpecError: every mistake that was found, each with file, line and column.
     """
     path = Path(path)
-    document = read(path)
+    return load_document(read(path), path)
+
+
+def load_document(document: Document, path: Path) -> Spec:
+    """Check what was read. Raises: SpecError, as `load`."""
     loader = _Loader(document, path)
     with warnings.catch_warnings():
         # Python warns of odd literals in typed expressions; they are refused in our own words.

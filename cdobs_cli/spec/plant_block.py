@@ -11,12 +11,13 @@ from cdobs_cli.errors import Problem
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.exact.parser import nearest
-from cdobs_cli.families.fields import (
+from cdobs_cli.fields import (
     Rows,
     formula,
     sized,
 )
-from cdobs_cli.plant import Box, CoordinateMap, Domain, Input, Plant, SamplingLaw, TypedDynamics
+from cdobs_cli.plant import Box, CoordinateMap, Domain, Input, Plant, TypedDynamics
+from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.spec.block import Block, Name
 from cdobs_cli.spec.boxes import MAX_STATES, BoxBlock, IntervalField, box_problems, length_problem, shape_problem
 from cdobs_cli.spec.domain_block import DomainBlock

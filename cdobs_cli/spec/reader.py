@@ -179,7 +179,8 @@ def _bytes(path: Path) -> bytes:
 
 def _require_regular(file: str, mode: int) -> None:
     if not stat.S_ISREG(mode):
-        raise _refusal(file, "a YAML file is expected", None, None, got="a directory" if stat.S_ISDIR(mode) else "not a regular file")
+        got = "a directory" if stat.S_ISDIR(mode) else "not a regular file"
+        raise _refusal(file, "a YAML file is expected", None, None, got=got)
 
 
 def _decode(file: str, data: bytes) -> str:

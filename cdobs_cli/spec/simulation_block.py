@@ -11,9 +11,9 @@ from cdobs_cli.errors import Problem
 from cdobs_cli.exact.expression import Call, Expression, Number, Variable
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.exact.parser import TYPED_FUNCTIONS, nearest
-from cdobs_cli.families.fields import PositiveNumber, Vector, formula, sized
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.fields import PositiveNumber, Vector, formula, sized
 from cdobs_cli.run import SimulationPlan
+from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.spec.block import Block
 from cdobs_cli.spec.boxes import MAX_STATES, BoxBlock, box_problems, length_problem, ordered
 
@@ -81,7 +81,7 @@ def simulation_problems(
             if ordered(lower, upper) and not (ordered(lower, value) and ordered(value, upper)):
                 yield Problem((*at, "initial_state", i), "lies outside initial_box", str(value), f"{lower} to {upper}")
     horizon = simulation.horizon
-    longest = None if law is None or law.kind == "updated" else law.T_max * Exact(MAX_SAMPLES)
+    longest = None if law is None or law.is_updated else law.T_max * Exact(MAX_SAMPLES)
     if horizon is not None and longest is not None and not ordered(horizon, longest):
         yield Problem((*at, "horizon"), "too many samples", str(horizon), f"at most {MAX_SAMPLES} periods")
     signals = simulation.signals or SignalsBlock.model_construct()

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, PlainValidator, Tag, ValidationInfo, WithJsonSchema
 
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
-from cdobs_cli.families.fields import (
+from cdobs_cli.fields import (
     read_exact,
     sized,
     wrong,

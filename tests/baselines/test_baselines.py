@@ -12,8 +12,9 @@ from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import parse
 from cdobs_cli.hybrid import HybridSystem
-from cdobs_cli.plant import Plant, SamplingLaw, Slopes
+from cdobs_cli.plant import Plant, Slopes
 from cdobs_cli.run import SimulationPlan
+from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.engine import simulate
 
 

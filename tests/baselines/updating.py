@@ -21,8 +21,9 @@ from cdobs_cli.exact.parser import parse
 from cdobs_cli.families.updated_sampling import UpdatedSampling
 from cdobs_cli.families.updated_sampling.synthesis import rate_of
 from cdobs_cli.hybrid import HybridSystem, Observer
-from cdobs_cli.plant import Box, SamplingLaw
+from cdobs_cli.plant import Box
 from cdobs_cli.run import SimulationPlan
+from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.engine import simulate
 from cdobs_cli.spec.model import Spec, load
 from cdobs_cli.spec.simulation_block import NOISE_FUNCTIONS

@@ -16,7 +16,8 @@ from fractions import Fraction
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import parse
 from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold, wirtinger
-from cdobs_cli.plant import Plant, SamplingLaw, Slopes
+from cdobs_cli.plant import Plant, Slopes
+from cdobs_cli.sampling import SamplingLaw
 
 PERIODS = {2: "0.5", 3: "0.3", 4: "0.2", 5: "0.1", 6: "0.1", 7: "0.05", 8: "0.05"}
 

@@ -6,7 +6,7 @@ import pytest
 from example_inclusions import aperiodic, canonical, impulsive, periodic, plant
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify import clock, every_gain, planar
+from cdobs_cli.certify import clock, clock_form, every_gain, planar
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact
 
@@ -33,7 +33,10 @@ def test_what_balls_cannot_tell_from_zero_is_not_zero():
     assert small.contains(0) and not small.is_zero()
     assert clock.kept_states(Matrix.from_rows([[1, 0], [0, 0]])) == [0]
     assert clock.kept_states(Matrix.from_rows([[1, small], [0, 0]])) == []
-    assert clock.kept_states(Matrix.from_rows([[1, 0], [0, small]])) == []
+    nearly_erased = Matrix.from_rows([[1, 0], [0, small]])
+    assert clock.kept_states(nearly_erased) == [0]
+    assert not clock_form.erases_the_rest(nearly_erased, [0])
+    assert clock_form.erases_the_rest(Matrix.from_rows([[1, 0], [0, 0]]), [0])
     exactly = impulsive(canonical(["1", "0"], periodic("0.5")), [["1"], ["0.7"]])
     assert planar.cleared_gain(exactly) is not None
     nearly = impulsive(canonical(["1", "0"], periodic("0.5")), [["1 + (pi+1e-60) - pi"], ["0.7"]])

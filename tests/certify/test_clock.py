@@ -214,8 +214,9 @@ def test_impulsive_jumps_from_period_zero():
     assert K[0, 0] == 1
     assert clock.prove(closed, Certificate.from_document(certificate.document())).proved
     assert refute(closed, 2) is None
+    # C K = 0.999 keeps 0.001 of the measured error: proved in a basis of its own, not by the projection's certificate.
     nearly = impulsive(canonical([1, 0], law), [["0.999"], [str(K[1, 0])]])
-    assert clock.analyse(nearly, 1) is None
+    assert clock.prove(nearly, clock.analyse(nearly, 1)).proved
     assert not clock.prove(nearly, certificate).proved
     # A projection that is not diagonal: C = [1, 2], C K = I.
     slanted = plant([[0, 1], ["-0.5", "-0.2"]], [[0, 0], ["-0.1", 0]], [[0, 0], ["0.1", 0]], [[1, 2]], aperiodic(0, "0.4"))
@@ -225,3 +226,27 @@ def test_impulsive_jumps_from_period_zero():
     assert not clock.prove(impulsive(slanted, [["0.2"], ["0.41"]]), certificate).proved
     # Every period of an interval from 0 is in it: a proof for [0, T] is one for each constant period.
     assert clock.analyse(impulsive(canonical([1, 0], periodic("1.1")), ExactMatrix.from_floats(K, 6).texts()), 1) is not None
+
+
+def test_from_zero_what_is_kept_is_not_coupled_with_what_is_lost():
+    """P(0) - J'P(0)J has a zero block there: any coupling makes it indefinite at tau = 0, however small."""
+    law = aperiodic(0, "0.4")
+    for K in ("0.6", "1"):
+        closed = impulsive(canonical([1, 0], law), [[K], ["0.7"]])
+        certificate = clock.analyse(closed, 0)
+        (a, _), (c,) = certificate.data["P"][0]
+        coupled = [[[a, "1e-9"], [c]], *certificate.data["P"][1:]]
+        assert clock.prove(closed, certificate).proved
+        assert not clock.prove(closed, Certificate(clock.METHOD, law, {**certificate.data, "P": coupled})).proved
+
+
+def test_a_function_that_is_negative_on_what_the_jump_enlarges_is_none():
+    """e_2+ = 2 e_2, e_2dot = e_2 and P_22 = -1 meet flow and jump inequalities; e_1 is kept and decays."""
+    law = aperiodic("0.5", "1")
+    loop = impulsive(plant([[-1, 0], [0, 1]], [[0, 0]] * 2, [[0, 0]] * 2, [[0, 1]], law), [["0"], ["-1"]])
+    P = [[[a, "0"], ["-1"]] for a in ("1", "1.25", "1.5")]
+    data = {"degree": "1", "elevated": "1", "pieces": ["1", "1"], "sigma": "0", "basis": [["1", "0"], ["0", "1"]], "P": P}
+    assert not clock.prove(loop, Certificate(clock.METHOD, law, data)).proved
+    stable = impulsive(plant([[-1, 0], [0, -1]], [[0, 0]] * 2, [[0, 0]] * 2, [[0, 1]], law), [["0"], ["1"]])
+    data["P"] = [[[a, "0"], ["1"]] for a in ("1", "1.25", "1.5")]
+    assert clock.prove(stable, Certificate(clock.METHOD, law, data)).proved

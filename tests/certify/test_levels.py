@@ -13,7 +13,8 @@ from cdobs_cli.certify.levels import clock_level, constant_level
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.lpv_zoh.observer import inclusion as held
 from cdobs_cli.families.reachability.observer import inclusion as impulsive
-from cdobs_cli.plant import Box, SamplingLaw
+from cdobs_cli.plant import Box
+from cdobs_cli.sampling import SamplingLaw
 
 PLANT = replace(
     make_plant(("a", "b"), ("0", "sin(a)"), upper=[["0", "0"], ["1", "0"]]),

@@ -1,4 +1,5 @@
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -6,7 +7,7 @@ from example_inclusions import canonical, held, impulsive, periodic, plant
 
 from cdobs_cli.certify import clock
 from cdobs_cli.certify.bracket import smallest_refuted
-from cdobs_cli.certify.linear import stable_intervals
+from cdobs_cli.certify.linear import _covers, _prove, stable_intervals
 from cdobs_cli.exact.numbers import Exact
 
 ZERO = [[0, 0], [0, 0]]
@@ -47,3 +48,11 @@ def test_a_loop_that_never_converges_has_no_interval():
     unstable = impulsive(plant([["0.1", 0], [0, -1]], ZERO, ZERO, [[0, 1]], periodic("1")), [["0"], ["1"]])
     assert stable_intervals(unstable, 0.01, 5.0) == []
     assert clock.largest_period(lambda T: unstable, Exact("1"), 0) is None
+
+
+@pytest.mark.parametrize(("low", "high"), [("2.9", "4.9"), ("2.5", "4.4"), ("3.3", "4.6"), ("0.5", "4.5"), ("1.5", "3")])
+def test_a_cover_leaves_no_period_out(low, high):
+    """Stable between pi and pi + 1.39: unstable before and after, though the middle may be stable."""
+    assert not _covers(oscillator("1"), Fraction(low), Fraction(high))
+    assert _prove(oscillator("1"), float(low), float(high)) is None
+    assert _covers(oscillator("1"), Fraction("3.2"), Fraction("4.5"))

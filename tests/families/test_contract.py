@@ -25,7 +25,7 @@ SMALLER_IS_BETTER = {"final_width", "min_width", "gamma"}
 @pytest.fixture(scope="module", params=sorted(FAMILIES))
 def example(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Spec, Design, Check]:
     path = tmp_path_factory.mktemp(request.param) / "example.yaml"
-    path.write_text(FAMILIES[request.param].example)
+    path.write_text(FAMILIES[request.param].example())
     spec = load(path)
     design = spec.observer.synthesize(spec.plant, 1)
     return spec, design, spec.observer.certify(spec.plant, design, 1)

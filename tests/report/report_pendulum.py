@@ -15,9 +15,10 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import parse
 from cdobs_cli.families.base import Family
 from cdobs_cli.hybrid import Observer
-from cdobs_cli.plant import Box, Domain, Input, Interval, Plant, SamplingLaw, Slopes
+from cdobs_cli.plant import Box, Domain, Input, Interval, Plant, Slopes
 from cdobs_cli.report.model import Report, build_report
 from cdobs_cli.run import Run, RunSummary, Trajectory
+from cdobs_cli.sampling import SamplingLaw
 
 HOSTILE = "Pendulum <script>alert('x')</script> & \"quotes\" | `code` *stars*"
 

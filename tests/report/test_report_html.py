@@ -148,3 +148,9 @@ def test_the_policy_of_a_page_allows_what_is_in_it_and_nothing_else(files: dict[
         assert len(rules.get("script-src", [])) == scripts
         # What is not named falls to default-src: no frame, font, connection, object, worker.
         assert set(rules) - {"script-src"} == {"default-src", "style-src", "img-src", "base-uri", "form-action"}
+
+
+def test_invisible_operators_of_formulas_are_not_shown_as_escapes(files: dict[str, bytes]) -> None:
+    page = files["report.html"].decode()
+    assert "<mo>&#8289;</mo>" in page
+    assert "u2061" not in page

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from cdobs_cli.certificate import Bound
 from cdobs_cli.chart import Table
-from cdobs_cli.report.model import bracket_text, end_text, ends_text, margin_text, number_text
+from cdobs_cli.report.numbers import bracket_text, end_text, ends_text, margin_text, number_text
 from cdobs_cli.report.sections import _table
 
 

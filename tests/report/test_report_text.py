@@ -11,10 +11,11 @@ from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.exact.parser import parse
-from cdobs_cli.plant import Input, SamplingLaw, TypedDynamics
+from cdobs_cli.plant import Input, TypedDynamics
 from cdobs_cli.report.model import Report, build_report
 from cdobs_cli.report.summary import summary_lines
 from cdobs_cli.report.text import markdown
+from cdobs_cli.sampling import SamplingLaw
 
 GOLDEN = Path(__file__).parent / "golden"
 

@@ -9,8 +9,9 @@ from cdobs_cli.exact.expression import Expression, Variable
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import parse
 from cdobs_cli.hybrid import HybridSystem, Observer
-from cdobs_cli.plant import Box, Input, Plant, SamplingLaw, Slopes
+from cdobs_cli.plant import Box, Input, Plant, Slopes
 from cdobs_cli.run import SimulationPlan
+from cdobs_cli.sampling import SamplingLaw
 
 
 def read(text: str | float, names: Sequence[str]) -> Expression:

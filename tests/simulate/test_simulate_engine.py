@@ -11,7 +11,8 @@ from cdobs_cli.errors import SpecError
 from cdobs_cli.exact.expression import Variable
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import HybridSystem, Observer
-from cdobs_cli.plant import Domain, Input, Interval, SamplingLaw
+from cdobs_cli.plant import Domain, Input, Interval
+from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.engine import simulate
 
 BOX = box([-1, -1], [1, 1])

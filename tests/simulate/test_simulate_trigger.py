@@ -7,7 +7,7 @@ from scipy.special import lambertw
 
 from cdobs_cli.exact.expression import Variable
 from cdobs_cli.hybrid import HybridSystem, Observer
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.engine import simulate
 
 UPDATED = SamplingLaw("updated")

@@ -9,7 +9,8 @@ from cdobs_cli.errors import UsageError
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import parse
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
-from cdobs_cli.plant import Plant, SamplingLaw, Slopes
+from cdobs_cli.plant import Plant, Slopes
+from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.witness import replay
 
 

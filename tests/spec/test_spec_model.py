@@ -17,7 +17,8 @@ from cdobs_cli.errors import SpecError
 from cdobs_cli.exact.expression import Call, Number, Variable
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.exact.parser import parse
-from cdobs_cli.plant import Interval, SamplingLaw
+from cdobs_cli.plant import Interval
+from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.spec.model import load
 
 HEAD = "spec_version: 1\n"
@@ -122,7 +123,7 @@ MISTAKES = [
     ("A: [[0, 1], [0, 0]]", "A: [[0, 1], [0]]", "7:6: plant.A: rows of one length are expected, these have 2, 1; got a list of 2 entries"),
     ("A: [[0, 1], [0, 0]]", "A: [[0, one], [0, 0]]", """7:11: plant.A[0][1]: unknown name 'one'; known: e, g, k, pi; got "one\""""),
     ("A: [[0, 1], [0, 0]]", "A: [[0, .NaN], [0, 0]]", "7:11: plant.A[0][1]: a finite number is expected; got .NaN; leave an open end of an interval out with null"),
-    ("A: [[0, 1], [0, 0]]", 'A: [[0, "9**9**9"], [0, 0]]', """7:11: plant.A[0][1]: an exponent is at most 64 in size (at character 4); got "9**9**9\""""),
+    ("A: [[0, 1], [0, 0]]", 'A: [[0, "9**9**9"], [0, 0]]', """7:11: plant.A[0][1]: an exponent p/q is at most 64 in size, with q at most 1000000 (at character 4); got "9**9**9\""""),
     ("A: [[0, 1], [0, 0]]", 'A: [[0, 1e101], [0, 0]]', "7:11: plant.A[0][1]: a number beyond 1e100; got 1e101"),
     ("A: [[0, 1], [0, 0]]", 'A: [[0, 1e-101], [0, 0]]', "7:11: plant.A[0][1]: a number below 1e-100 that is not zero; got 1e-101"),
     ("A: [[0, 1], [0, 0]]", 'A: [[0, "sqrt(-1)"], [0, 0]]', '7:11: plant.A[0][1]: sqrt(-1) has no finite value; got "sqrt(-1)"'),

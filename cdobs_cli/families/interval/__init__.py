@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Tag
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.families.base import Family
-from cdobs_cli.families.fields import Rows
+from cdobs_cli.fields import Rows
 
 if TYPE_CHECKING:
     from cdobs_cli.certificate import Check
@@ -26,42 +26,6 @@ if TYPE_CHECKING:
     from cdobs_cli.hybrid import HybridInclusion, Observer
     from cdobs_cli.plant import Plant
     from cdobs_cli.run import Run, SimulationPlan
-
-
-EXAMPLE = """\
-# Interval observer: two bounds that are proved to contain the state between and at samples.
-spec_version: 1
-title: Pendulum with bounded disturbance and noise
-plant:
-  states: [x1, x2]
-  inputs: {u: {}}
-  parameters: {delta: 0.5, V: 0.1}
-  A: [[0, 1], [-1, 0]]
-  phi: ["0", "0"]                   # linear plants: phi may use the inputs only; bound the rest by disturbance
-  lipschitz: [[0, 0], [0, 0]]
-  B: [[0], [1]]
-  disturbance: {lower: ["-delta", "-delta"], upper: [delta, delta]}
-measurement:
-  C: [[1, 0]]
-  sampling: {max_period: 0.1}       # any periods up to 0.1; or {period: 0.1}, or with min_period
-  noise: {lower: ["-V"], upper: [V]}
-observer:
-  family: interval
-  objective: min_width              # given_period (fastest decay of the width), max_period, min_width
-  tighten: none                     # none, intersect (with y at samples), hull (predictor, needs no positivity)
-  feedback: design                  # none, design, or {K_lower: [..], K_upper: [..]} for u = K_lower z_lower + K_upper z_upper
-  # gain: {S: [["sqrt(2)", 0], [-1, 1]], L: [[4], [4]]}   # given: analyse these; absent: find them
-simulation:
-  horizon: 30
-  initial_state: [5, -5]
-  initial_box: {lower: [-10, -10], upper: [10, 10]}       # the known box of x(0)
-  signals: {d: ["delta*sin(t)", "delta*cos(2*t)"], v: ["V*sin(5*t)"]}
-  sampling_times: "0.1*(0.5 + 0.4*sin(0.5*t_k))"
-expect:
-  - {quantity: verdict, equals: proved}
-  - {quantity: bounds.final_width.proved, at_most: 4.9}
-  - {quantity: simulation.overall.inclusion_margin, at_least: 0}
-"""
 
 
 class Gain(BaseModel):
@@ -93,7 +57,6 @@ class Interval(Family):
 
     disturbed: ClassVar[bool] = True
     source: ClassVar[str] = "Efimov2016"
-    example: ClassVar[str] = EXAMPLE
 
     family: Literal["interval"] = "interval"
     objective: Literal["given_period", "max_period", "min_width"] = "given_period"

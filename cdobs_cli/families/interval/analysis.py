@@ -14,9 +14,14 @@ from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.families.interval.boundedness import prove_hurwitz
+from cdobs_cli.families.interval.cone import Cone, ErrorSystem
+from cdobs_cli.families.interval.intersect import measured_rows
 from cdobs_cli.families.interval.positivity import PositivityLimit, positivity_limit
+from cdobs_cli.families.interval.sampled_width import width_contracts
 from cdobs_cli.families.interval.theorems import Coordinates, assumption_3, coordinates, error_flow, error_held, width_matrix
-from cdobs_cli.plant import Plant, SamplingLaw
+from cdobs_cli.plant import Box, Plant
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from cdobs_cli.families.interval import Interval
@@ -61,6 +66,74 @@ class Analysis:
     @cached_property
     def limit(self) -> PositivityLimit:
         return positivity_limit(error_flow(self.z.Q0), error_held(self.z.Q1), self.effort)
+
+    @property
+    def ordered(self) -> bool:
+        """Whether E(s) >= 0 is proved up to the law's largest period: errors in the orthant stay there."""
+        return self.limit.holds_until(self.T)
+
+    @property
+    def cuts(self) -> bool:
+        """Whether measured rows of z are intersected with y at samples."""
+        return self.family.tighten == "intersect"
+
+    @property
+    def is_hull(self) -> bool:
+        """Whether the observer run is the hull predictor."""
+        return self.family.tighten == "hull"
+
+    @cached_property
+    def errors(self) -> ErrorSystem:
+        rows = measured_rows(self.plant.C.balls(), self.z.S) if self.cuts else {}
+        return ErrorSystem.of(self.z, *declared_widths(self.plant), tuple(rows))
+
+    @cached_property
+    def cone(self) -> Cone | None:
+        """The stored cone of the law, where it is proved to hold the errors."""
+        found = self.certificate("cone", lambda stored: Cone.from_document(stored.data))
+        if found is None or found[0].sampling != self.law or not found[1].proves_enclosure(self.errors, self.law, self.effort):
+            return None
+        return found[1]
+
+    @cached_property
+    def cone_frontier(self) -> tuple[Cone, SamplingLaw] | None:
+        """The stored cone of the law with a longer period, where it is proved to hold the errors."""
+        found = self.certificate("cone_frontier", lambda stored: Cone.from_document(stored.data))
+        if found is None or not same_law(found[0].sampling, self.law):
+            return None
+        return (found[1], found[0].sampling) if found[1].proves_enclosure(self.errors, found[0].sampling, self.effort) else None
+
+    @cached_property
+    def shrinks(self) -> bool:
+        """Whether the errors in the cone of the law are proved to shrink."""
+        return self.cone is not None and self.cone.proves_boundedness(self.errors, self.law, self.effort)
+
+    @cached_property
+    def w_star(self) -> Matrix | None:
+        """The stored witness of a Hurwitz Mtot, where it is one."""
+        stored = self.matrix("hurwitz", "w_star")
+        if stored is None or stored[1].shape != (self.plant.n, 1):
+            return None
+        return stored[1]
+
+    @cached_property
+    def hurwitz_rate(self) -> arb | None:
+        """The rate that w* proves; None where it proves none."""
+        return None if self.w_star is None else prove_hurwitz(self.Mtot, self.w_star)
+
+    @cached_property
+    def contracts(self) -> bool:
+        """Whether the map of the width from sample to sample is proved to contract in the norm of w*."""
+        return self.w_star is not None and width_contracts(self.z.Q0, self.Mtot, self.w_star, self.law, self.effort)
+
+    def enclosed_by_cones(self, *, bounded: bool = False) -> list[Exact]:
+        """Largest periods for which a stored cone is proved to hold the errors, and they to stay bounded if asked."""
+        found = [self.law.T_max] if self.cone is not None and (self.shrinks or not bounded) else []
+        if self.cone_frontier is not None:
+            cone, law = self.cone_frontier
+            if not bounded or cone.proves_boundedness(self.errors, law, self.effort):
+                found.append(law.T_max)
+        return found
 
     @cached_property
     def structure(self) -> tuple[str, ...]:
@@ -107,9 +180,20 @@ def at_most(one: Exact, other: Exact) -> bool:
     return one == other or (other - one).sign() in (0, 1)
 
 
-def periods_text(law: SamplingLaw) -> str:
-    """The periods of a law, for a sentence."""
-    return f"T_k = {law.T_max}" if law.kind == "periodic" else f"T_k in [{law.T_min}, {law.T_max}]"
+def same_law(one: SamplingLaw, other: SamplingLaw) -> bool:
+    """Whether a law is the other with its period, or largest period, replaced."""
+    return one == other.with_period(one.T_max)
+
+
+def declared_widths(plant: Plant) -> tuple[Matrix, Matrix]:
+    """upper - lower of disturbance and noise in balls, zeros where none is declared."""
+
+    def widths(box: Box | None, size: int) -> Matrix:
+        if box is None:
+            return Matrix.zeros(size, 1)
+        return ExactMatrix([[high - low] for low, high in zip(box.lower, box.upper, strict=True)]).balls()
+
+    return widths(plant.disturbance, plant.n), widths(plant.noise, plant.p)
 
 
 def matrices(a: Analysis) -> tuple[Matrix, Matrix, Matrix, Matrix, Matrix]:

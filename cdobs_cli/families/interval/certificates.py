@@ -14,13 +14,18 @@ from cdobs_cli.certify.bracket import largest_proved, smallest_refuted
 from cdobs_cli.certify.sylvester import residual
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text
+from cdobs_cli.families.interval.analysis import declared_widths
 from cdobs_cli.families.interval.boundedness import Lmi15, find_lmi_15, find_w_star, lmi_15_limit, prove_hurwitz
+from cdobs_cli.families.interval.cone import Cone, ErrorSystem
+from cdobs_cli.families.interval.cone_search import find_cone, likely_cones
 from cdobs_cli.families.interval.held_loop import closed_loop, find_held_loop, held_inclusion, prove_held_loop
 from cdobs_cli.families.interval.hull import find_hull, prove_hull
+from cdobs_cli.families.interval.intersect import measured_rows
 from cdobs_cli.families.interval.positivity import PositivityLimit, positivity_limit
 from cdobs_cli.families.interval.theorem_2 import Theorem2, find_theorem_2, gain_limit, observer_loop, refute_theorem_2
 from cdobs_cli.families.interval.theorems import Coordinates, assumption_3, coordinates, error_flow, error_held, width_matrix
-from cdobs_cli.plant import Plant, SamplingLaw
+from cdobs_cli.plant import Plant
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from cdobs_cli.families.interval import Interval
@@ -30,6 +35,10 @@ Gain = dict[str, ExactMatrix]
 
 _LMI_STATES, _THEOREM_2_STATES = 8, 3  # beyond these the paper's LMIs take longer than they are worth
 _FRONTIER = Fraction(1, 2000)
+CONE_STATES, _CONE_FRONTIER = 6, Fraction(1, 50000)
+_ABOVE = Fraction(1, 10**6)  # how far above the limit of E(s) >= 0 a cone is first looked for
+_LONGER = 4  # how many times beyond it the longest is looked for
+_LESS = (Fraction(1, 10**5), Fraction(1, 10**4), Fraction(1, 10**3), Fraction(1, 100), Fraction(1, 10))
 
 
 @dataclass(frozen=True)
@@ -102,7 +111,7 @@ def prove_feedback(plant: Plant, gain: Gain, law: SamplingLaw) -> ExactMatrix | 
 
 
 def certificates(plant: Plant, gain: Gain, law: SamplingLaw, family: Interval, effort: int) -> list[Certificate]:
-    """One for each statement that needs numbers: w*, LMI (15), the hull's weights, the held loop, Theorem 2."""
+    """One for each statement that needs numbers: w*, LMI (15), the hull's weights, cones, the held loop, Theorem 2."""
     views = Views.of(plant, gain)
     found = []
     w_star = find_w_star(width_matrix(views.floats.Q0, views.floats.Q1))
@@ -116,11 +125,62 @@ def certificates(plant: Plant, gain: Gain, law: SamplingLaw, family: Interval, e
     frontier = largest_hull(plant, gain, law) if family.tighten == "hull" else None
     if frontier is not None:
         found.append(Certificate("hull_frontier", frontier[0], {"w": frontier[1].texts()}))
+    if family.tighten != "hull" and plant.n <= CONE_STATES:
+        found += cones(plant, gain, law, views, cut=family.tighten == "intersect")
     if "K_lower" in gain:
         found += _held_loop(plant, gain, law, effort)
         if not assumption_3(views.exact.Q1) and plant.n <= _THEOREM_2_STATES:
             found += _theorem_2(plant, gain, views, law, effort)
     return found
+
+
+def cones(plant: Plant, gain: Gain, law: SamplingLaw, views: Views, *, cut: bool) -> list[Certificate]:
+    """A cone of errors at the law, where E(s) >= 0 does not hold there, and one at the longest period found."""
+    limit = views.positivity
+    if limit.proved is None:
+        return []
+    errors, found = error_system(plant, gain, views, cut=cut), []
+    start: Exact | None = above(limit.proved) if limit.proved > 0 else None
+    if not limit.holds_until(law.T_max.ball()):
+        at_law = find_cone(errors, law)
+        if at_law is not None:
+            found.append(Certificate("cone", law, at_law.document()))
+            start = law.T_max
+    frontier = None if start is None else longest_cone(errors, law, start)
+    if frontier is not None:
+        found.append(Certificate("cone_frontier", frontier[0], frontier[1].document()))
+    return found
+
+
+def above(limit: Fraction) -> Exact:
+    """The period just above the limit of E(s) >= 0 at which a cone is first looked for."""
+    return Exact(decimal_text(limit * (1 + _ABOVE), 12))
+
+
+def error_system(plant: Plant, gain: Gain, views: Views, *, cut: bool) -> ErrorSystem:
+    """The errors with what drives them and what is cut of them."""
+    rows = measured_rows(plant.C.balls(), gain["S"].balls()) if cut else {}
+    return ErrorSystem.of(views.exact, *declared_widths(plant), tuple(rows))
+
+
+def longest_cone(errors: ErrorSystem, law: SamplingLaw, start: Exact) -> tuple[SamplingLaw, Cone] | None:
+    """The law with the largest period found from `start` on with a cone that is proved: the longest that floats find,
+    and somewhat less until it is."""
+
+    def likely(T: Exact) -> bool | None:
+        return True if next(likely_cones(errors, law.with_period(T)), None) is not None else None
+
+    found = largest_proved(likely, start, Exact(decimal_text(float(start) * _LONGER, 12)), _CONE_FRONTIER)
+    if found is None:
+        return None
+    for less in (0, *_LESS):
+        T = Exact(decimal_text((found[0].rational or Fraction(float(found[0]))) * (1 - less), 9)) if less else found[0]
+        if float(T) < float(start):
+            T = start
+        cone = find_cone(errors, law.with_period(T))
+        if cone is not None:
+            return law.with_period(T), cone
+    return None
 
 
 def _lmi_15(views: Views, law: SamplingLaw) -> list[Certificate]:

@@ -10,8 +10,9 @@ from cdobs_cli.certificate import Bound, Check, Claim, Status, Witness
 from cdobs_cli.design import Design
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, lower_text, upper_text
-from cdobs_cli.families.interval.analysis import SOURCE, Analysis, at_most, matrices, periods_text
-from cdobs_cli.families.interval.boundedness import Lmi15, lmi_15_limit, prove_hurwitz, prove_lmi_15, refute_hurwitz
+from cdobs_cli.families.interval.analysis import SOURCE, Analysis, at_most, matrices, same_law
+from cdobs_cli.families.interval.boundedness import Lmi15, lmi_15_limit, prove_lmi_15, refute_hurwitz
+from cdobs_cli.families.interval.enclosure_claims import boundedness, positivity
 from cdobs_cli.families.interval.feedback_claims import separation, theorem_2
 from cdobs_cli.families.interval.hull import prove_hull, refute_hull
 from cdobs_cli.families.interval.intersect import measured_rows
@@ -30,12 +31,15 @@ def certify(family: Interval, plant: Plant, design: Design, effort: int) -> Chec
     """
     if design.outcome == "none":
         return Check((_convergence(design, "undecided", f"There is no observer: {design.reason or 'no design'}."),))
+    missing = unlike_spec(family, design)
+    if missing is not None:
+        return Check((_convergence(design, "undecided", missing),))
     try:
         a = Analysis(family, plant, design, effort)
         a.z  # noqa: B018 - inverts S
     except (ZeroDivisionError, KeyError):
         return Check((_convergence(design, "undecided", "S has no inverse, so the bounds of x do not exist."),))
-    parts = {"contraction": _hull(a)} if family.tighten == "hull" else {"positivity": _positivity(a), "boundedness": _boundedness(a)}
+    parts = {"contraction": _hull(a)} if a.is_hull else _enclosure(a)
     if a.has_feedback:
         parts["separation"] = separation(a)
         theorem_2(a)
@@ -44,14 +48,32 @@ def certify(family: Interval, plant: Plant, design: Design, effort: int) -> Chec
     return Check((*a.claims, _consequence(a, parts)), a.bounds)
 
 
+def unlike_spec(family: Interval, design: Design) -> str | None:
+    """Why a design is not one of this spec: given S, L and feedback are those of the design, and feedback is there
+    exactly if it is asked for. None where nothing is wrong."""
+    wanted = {} if family.gain is None else {"S": family.gain.S, "L": family.gain.L}
+    if not isinstance(family.feedback, str):
+        wanted |= {"K_lower": family.feedback.K_lower, "K_upper": family.feedback.K_upper}
+    held = [name for name in ("K_lower", "K_upper") if name in design.gain]
+    if family.feedback != "none" and len(held) < 2:
+        return "The spec asks for feedback and the design holds none: nothing is claimed of it. Run synthesize again."
+    if family.feedback == "none" and held:
+        return "The design holds a feedback that the spec does not ask for: nothing is claimed of it. Run synthesize again."
+    changed = [name for name, matrix in wanted.items() if design.gain.get(name) != matrix]
+    if changed:
+        return f"{' and '.join(changed)} of the design are not those given in the spec: nothing is claimed of it. Run synthesize again."
+    return None
+
+
 def _convergence(design: Design, status: Status, statement: str, by: str | None = None, witness: Witness | None = None) -> Claim:
     return Claim("convergence", "consequence", status, statement, f"{SOURCE}, Theorem 1", required=True, by=by, witness=witness)
 
 
 def _consequence(a: Analysis, parts: dict[str, Status]) -> Claim:
     """Enclosure and boundedness from their parts."""
-    inside = "x stays between its bounds" if a.family.tighten == "hull" else "z = S x, and with it x, stays between its bounds"
-    what = f"{inside} from every box at the start, and the bounds stay bounded, for every sampling with {periods_text(a.law)}"
+    inside = "x stays between its bounds" if a.is_hull else "z = S x, and with it x, stays between its bounds"
+    what = f"{inside} from every box at the start, and the bounds stay bounded, for every sampling with {a.law.symbols}"
+    what += _driven(a.plant)
     what += ", with the feedback in the loop" if a.has_feedback else " and every bounded x (Assumption 1)"
     failed = {name: next(claim for claim in a.claims if claim.id == name) for name, status in parts.items() if status == "refuted"}
     refuted = [name for name, claim in failed.items() if not _is_cut(a, claim.witness)]
@@ -60,7 +82,7 @@ def _consequence(a: Analysis, parts: dict[str, Status]) -> Claim:
         return _convergence(
             a.design, "refuted", f"{what}: refuted, {a.reasons.get(refuted[0], claim.statement)}", refuted[0], claim.witness
         )
-    if a.departs and a.family.tighten != "hull":
+    if a.departs and not a.is_hull:
         reason = "; ".join(a.structure[:3])
         return _convergence(a.design, "undecided", f"{what}: Assumption 3 fails for these S and L, {reason}")
     if all(status == "proved" for status in parts.values()):
@@ -69,22 +91,25 @@ def _consequence(a: Analysis, parts: dict[str, Status]) -> Claim:
     return _convergence(a.design, "undecided", f"{what}: open, because {open_parts} is")
 
 
+def _driven(plant: Plant) -> str:
+    """What acts on plant and measurement meanwhile."""
+    declared = [name for name, box in (("disturbance", plant.disturbance), ("noise", plant.noise)) if box is not None]
+    return f" and every {' and '.join(declared)} within the declared bounds" if declared else " without disturbance and noise"
+
+
 def _is_cut(a: Analysis, witness: Witness | None) -> bool:
-    """Whether a counterexample is an error of z in rows that the intersection with y cuts at every sample: it
-    refutes the bounds without the intersection only."""
-    if a.family.tighten != "intersect" or witness is None:
+    """Whether a counterexample is a width of z in rows that the intersection with y cuts at every sample: it refutes
+    the bounds without the intersection only."""
+    if not a.cuts or witness is None:
         return False
-    if "component" in witness.data:
-        rows = {int(witness.data["component"]) % a.plant.n}
-    elif "width" in witness.data:
-        rows = {i for i, text in enumerate(witness.data["width"]) if Exact(text).sign() != 0}
-    else:
+    if "width" not in witness.data:
         return False
+    rows = {i for i, text in enumerate(witness.data["width"]) if Exact(text).sign() != 0}
     return bool(rows & measured_rows(a.plant.C.balls(), a.z.S).keys())
 
 
-def _positivity(a: Analysis) -> Status:
-    """Assumption 3, the printed condition, and the exact one."""
+def _enclosure(a: Analysis) -> dict[str, Status]:
+    """Assumption 3, the printed conditions, and the exact ones."""
     kind = "printed" if a.design.outcome == "given" else "certificate"
     if a.structure:
         a.say("assumption_3", kind, "refuted", f"Assumption 3: {'; '.join(a.structure[:4])}", f"{SOURCE}, Assumption 3")
@@ -92,21 +117,9 @@ def _positivity(a: Analysis) -> Status:
         text = "Assumption 3: -S L C S^-1 has the form [Q1bar 0; 0 0], its diagonal negative, the rest of Q1bar not negative"
         a.say("assumption_3", kind, "proved", text, f"{SOURCE}, Assumption 3")
     _printed_positivity(a)
-    limit = a.limit
-    proved = "inf" if limit.proved is None else lower_text(fraction_ball(limit.proved))
-    refuted = None if limit.refuted is None else upper_text(fraction_ball(limit.refuted))
-    a.bounds["positivity_period_max"] = Bound(proved, refuted, method="exact condition E(s) >= 0", about="every box of z(0)")
-    text = f"E(s) >= 0 for 0 <= s <= {a.law.T_max}: z stays between its bounds from every box of z(0)"
-    source, method = f"{SOURCE}, (11), (12)", "bisection in s, ball arithmetic"
-    if limit.holds_until(a.T):
-        margin = "inf" if limit.proved is None else lower_text(fraction_ball(limit.proved) - a.T)
-        return a.say("positivity", "certificate", "proved", text, source, margin=margin, method=method)
-    if limit.fails_before(a.T):
-        assert limit.column is not None
-        entry = limit.column % a.plant.n + 1
-        reason = f"entry ({entry}, {entry}) of E is negative a time {refuted} after a sample"
-        return a.say("positivity", "certificate", "refuted", text, source, method=method, witness=limit.witness, reason=reason)
-    return a.say("positivity", "certificate", "undecided", text, source, method=method)
+    parts = {"positivity": positivity(a), "boundedness": boundedness(a)}
+    _lmi_15(a)
+    return parts
 
 
 def _printed_positivity(a: Analysis) -> None:
@@ -125,26 +138,7 @@ def _printed_positivity(a: Analysis) -> None:
     a.say("theorem_1_positivity", "printed", status, text, source, margin=margin)
 
 
-def _boundedness(a: Analysis) -> Status:
-    """Mtot Hurwitz, and the paper's LMI (15)."""
-    stored = a.matrix("hurwitz", "w_star")
-    rate = None
-    if stored is not None and stored[1].shape == (a.plant.n, 1):
-        rate = prove_hurwitz(a.Mtot, stored[1])
-    text = "Mtot is Hurwitz: while the bounds hold, their width stays bounded for every sampling, and settles"
-    witness = None
-    if rate is not None:
-        status = a.say("boundedness", "certificate", "proved", text, margin=lower_text(rate), method="w* > 0 with Mtot w* < 0")
-    else:
-        witness = refute_hurwitz(a.Mtot)
-        status = "refuted" if witness is not None else "undecided"
-        reason = None if witness is None else f"widths of z along ({', '.join(witness.data['width'])}) grow at rate {witness.data['rate']}"
-        a.say("boundedness", "certificate", status, text, method="w >= 0 with Mtot w >= rate w", witness=witness, reason=reason)
-    _lmi_15(a, status)
-    return status
-
-
-def _lmi_15(a: Analysis, boundedness: Status) -> None:
+def _lmi_15(a: Analysis) -> None:
     source, text = f"{SOURCE}, Theorem 1, (15)", f"LMI (15) has a solution for Tbar = {a.law.T_max}"
     if a.structure:
         a.say("lmi_15", "certificate", "undecided", f"{text}: it needs Assumption 3", source)
@@ -161,7 +155,7 @@ def _lmi_15(a: Analysis, boundedness: Status) -> None:
     )  # fmt: skip
     if proved is not None and frontier is not None and at_most(a.law.T_max, frontier[0].sampling.T_max):
         a.say("lmi_15", "certificate", "proved", text, source, margin=lower_text(proved - a.T))
-    elif (limit is not None and limit <= a.T) or boundedness == "refuted":
+    elif (limit is not None and limit <= a.T) or refute_hurwitz(a.Mtot) is not None:
         a.say("lmi_15", "certificate", "refuted", text, source, method="no solution exists; that is no statement about the observer")
     else:
         a.say("lmi_15", "certificate", "undecided", text, source)
@@ -170,17 +164,18 @@ def _lmi_15(a: Analysis, boundedness: Status) -> None:
 def _hull(a: Analysis) -> Status:
     """Positivity and boundedness for comparison, and the contraction that the predictor rests on."""
     # A design searched for the hull alone has no reason to meet the paper's conditions.
-    without = (None, None) if a.structure and a.design.outcome == "found" else (_positivity(a), _boundedness(a))
+    compared = not a.structure or a.design.outcome != "found"
+    if compared:
+        _enclosure(a)
     exact = matrices(a)
-    text = f"|S F(s) S^-1| contracts in one weighted norm for every {periods_text(a.law)}"
+    text = f"|S F(s) S^-1| contracts in one weighted norm for every {a.law.symbols}"
     stored = a.matrix("hull", "w")
     frontier = a.matrix("hull_frontier", "w")
-    same_law = frontier is not None and frontier[0] == a.law.with_period(frontier[0].T_max)
-    if frontier is not None and same_law and prove_hull(*exact, frontier[1], frontier[0], a.effort):
+    if frontier is not None and same_law(frontier[0], a.law) and prove_hull(*exact, frontier[1], frontier[0], a.effort):
         a.bounds["period_max.hull"] = Bound(lower_text(frontier[0].T_max.ball()), method="hull predictor")
     if stored is not None and stored[0] == a.law and prove_hull(*exact, stored[1], a.law, a.effort):
         return a.say("contraction", "certificate", "proved", text, method="weighted norm, ball arithmetic in s")
-    if without == ("proved", "proved"):
+    if compared and a.ordered and a.hurwitz_rate is not None:
         text += "; it is never wider than the bounds without it, which are bounded"
         return a.say("contraction", "certificate", "proved", text, method="comparison with positivity and boundedness")
     witness = refute_hull(*exact, a.law)
@@ -197,13 +192,10 @@ def _period_max(a: Analysis, parts: dict[str, Status]) -> None:
             lowest = [lower_text(a.T)]
         highest: list[str | None] = []
     else:
-        if parts["boundedness"] != "proved" or a.departs:
+        if a.departs or a.hurwitz_rate is None:
             a.bounds["period_max"] = Bound(method="positivity and boundedness")
             return
-        positivity = a.bounds["positivity_period_max"]
-        lowest, highest = [positivity.proved], [positivity.refuted]
-        if a.family.tighten == "intersect":
-            highest = []  # a unit error in a measured row may be cut by the next measurement
+        lowest, highest = [_enclosed_and_bounded(a)], [a.bounds["positivity_period_max"].refuted]
     if "separation" in parts:
         held = a.bounds["held_loop_period_max"]
         lowest.append(held.proved)
@@ -212,6 +204,16 @@ def _period_max(a: Analysis, parts: dict[str, Status]) -> None:
     proved = min(known, key=_size) if len(known) == len(lowest) else None
     refuted = min((text for text in highest if text is not None), key=_size, default=None)
     a.bounds["period_max"] = Bound(proved, refuted, method=" and ".join(parts))
+
+
+def _enclosed_and_bounded(a: Analysis) -> str:
+    """The largest period up to which the bounds enclose the state and stay bounded, without feedback; Mtot Hurwitz."""
+    if a.limit.proved is None:
+        return "inf"
+    longest = fraction_ball(a.limit.proved)
+    for T in a.enclosed_by_cones(bounded=True):
+        longest = arb.max(longest, T.ball())
+    return lower_text(longest)
 
 
 def _size(text: str) -> float:

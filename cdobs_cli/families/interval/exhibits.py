@@ -6,10 +6,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from flint import arb
 
 from cdobs_cli.certificate import Check
 from cdobs_cli.chart import Chart, Exhibits, Panel, Series, Table
 from cdobs_cli.design import Design
+from cdobs_cli.exact.numbers import upper_text
 from cdobs_cli.families.interval.analysis import Analysis
 from cdobs_cli.families.interval.theorems import error_flow, error_held
 from cdobs_cli.families.interval.widths import comparison
@@ -53,7 +55,7 @@ def positivity_chart(plant: Plant, design: Design, check: Check | None) -> Chart
     from cdobs_cli.certify.falsify import exponentials
     from cdobs_cli.families.interval.certificates import Views
 
-    bound = check.bounds.get("positivity_period_max") if check is not None else None
+    bound = check.bounds.get("positivity_period_max.orthant") if check is not None else None
     if check is None or bound is None or bound.refuted is None:
         return None
     z = Views.of(plant, design.gain).floats
@@ -70,7 +72,7 @@ def positivity_chart(plant: Plant, design: Design, check: Check | None) -> Chart
     printed = check.bounds.get("positivity_period_max.theorem_1")
     if printed is not None and printed.proved is not None and float(printed.proved) <= s[-1]:
         series.append(Series("printed condition", (float(printed.proved),), (0.0,), "mark", "measured"))
-    caption = "The bounds stay in order between two samples as long as these entries are not negative; no other entry can fail first."
+    caption = "From every box of z the bounds stay in order between two samples while these entries are not negative; no other fails first."
     return Chart("positivity", "Positivity between samples", caption, (Panel("time since the sample (s)", "E(s)", tuple(series)),))
 
 
@@ -107,7 +109,7 @@ def comparison_table(family: Interval, plant: Plant, design: Design, check: Chec
     rows = []
     for name, label in labels.items():
         if name in found:
-            values = [float(value) for value in found[name].floats.reshape(-1)]
+            values = [float(upper_text(arb(row[0]))) for row in found[name].tolist()]
             rows.append((label, *values, sum(values)))
     caption = "Largest width that each can settle at, proved, for the same S and L under the declared disturbance and noise."
     return Table("widths", "Ways to tighten the bounds", caption, ("bounds", *plant.states, "sum"), tuple(rows))
@@ -136,7 +138,7 @@ def _notes(check: Check | None) -> tuple[str, ...]:
     if check is None:
         return ()
     notes = []
-    printed, exact = (check.bounds.get(name) for name in ("positivity_period_max.theorem_1", "positivity_period_max"))
+    printed, exact = (check.bounds.get(name) for name in ("positivity_period_max.theorem_1", "positivity_period_max.orthant"))
     if printed is not None and exact is not None and printed.proved and exact.proved and exact.proved != "inf":
         factor = float(exact.proved) / float(printed.proved)
         notes.append(f"The exact positivity limit is {factor:.3g} times the one of the printed condition.")

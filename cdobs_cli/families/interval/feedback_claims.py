@@ -7,21 +7,20 @@ from typing import Any
 from cdobs_cli.certificate import Bound, Status, Witness
 from cdobs_cli.certify.bracket import smallest_refuted
 from cdobs_cli.exact.numbers import Exact, lower_text
-from cdobs_cli.families.interval.analysis import SOURCE, Analysis, at_most, periods_text
+from cdobs_cli.families.interval.analysis import SOURCE, Analysis, at_most, same_law
 from cdobs_cli.families.interval.held_loop import closed_loop, held_inclusion, prove_held_loop, refute_held_loop
 from cdobs_cli.families.interval.theorem_2 import Theorem2, gain_limit, observer_loop, prove_theorem_2, refute_theorem_2
-from cdobs_cli.plant import SamplingLaw
 
 
 def separation(a: Analysis) -> Status:
     """The held loop xdot = A x + B (K_lower + K_upper) S x(t_k), proved or refuted under the law."""
     source = f"{SOURCE}, (16), (17)"
     text = "Separation: the errors do not depend on u, and xdot = A x + B (K_lower + K_upper) S x(t_k) is stable"
-    text += f" for every {periods_text(a.law)}"
+    text += f" for every {a.law.symbols}"
     A, closed = closed_loop(a.plant, a.design.gain)
     proved_until: Exact | None = None
     frontier = a.matrix("held_loop_frontier", "P")
-    if frontier is not None and _same_law(frontier[0], a.law) and prove_held_loop(A, closed, frontier[1], frontier[0], a.effort):
+    if frontier is not None and same_law(frontier[0], a.law) and prove_held_loop(A, closed, frontier[1], frontier[0], a.effort):
         proved_until = frontier[0].T_max
     stored = a.matrix("held_loop", "P")
     proved = stored is not None and stored[0] == a.law and prove_held_loop(A, closed, stored[1], a.law, a.effort)
@@ -50,10 +49,6 @@ def _multiplier(witness: Witness) -> str:
         return f"{witness.multiplier} in modulus"
     real, imaginary = witness.data["eigenvalue"]
     return str(real) if float(imaginary) == 0 else f"{real} +- {imaginary.lstrip('-')} i"
-
-
-def _same_law(one: SamplingLaw, other: SamplingLaw) -> bool:
-    return one == other.with_period(one.T_max)
 
 
 def theorem_2(a: Analysis) -> None:

@@ -25,7 +25,8 @@ from cdobs_cli.exact.numbers import ExactMatrix, arb_fraction
 from cdobs_cli.families.interval.boundedness import DIGITS, symmetrised
 from cdobs_cli.families.interval.parts import zeros_like
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, PlantView
-from cdobs_cli.plant import Plant, SamplingLaw
+from cdobs_cli.plant import Plant
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

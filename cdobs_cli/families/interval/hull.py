@@ -23,7 +23,7 @@ from cdobs_cli.exact.numbers import ExactMatrix, lower_text
 from cdobs_cli.families.interval.boundedness import DIGITS
 from cdobs_cli.families.interval.held_loop import growth, holds_on, law_ends
 from cdobs_cli.families.interval.parts import absolute
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     import numpy as np

@@ -17,7 +17,8 @@ import numpy as np
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text
 from cdobs_cli.families.interval.design import S_DIGITS, Array, Search, climb
 from cdobs_cli.families.interval.hull import error_maps_at, find_hull, prove_hull
-from cdobs_cli.plant import Plant, SamplingLaw
+from cdobs_cli.plant import Plant
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from cdobs_cli.families.interval import Interval
@@ -56,7 +57,7 @@ def _at(plant: Plant, search: Search, law: SamplingLaw, before: Array | None, ef
     n, p = plant.n, plant.p
     high, low = float(law.T_max), float(law.T_min)
     low = max(low, _SHORTEST * high)
-    periods = [high] if law.T_min == law.T_max else [low + (high - low) * k / 16 for k in range(17)]
+    periods = [high] if law.is_periodic else [low + (high - low) * k / 16 for k in range(17)]
 
     def parts(parameters: Array) -> tuple[Array, Array] | None:
         S = parameters[: n * n].reshape(n, n)

@@ -21,7 +21,7 @@ def problems(family: Interval, plant: Plant, simulation: SimulationPlan | None) 
     n, p, m = plant.n, plant.p, len(plant.inputs)
     if n > MAX_STATES:
         found.append(Problem(("plant", "states"), "this observer is built for small plants", f"{n} states", f"at most {MAX_STATES}"))
-    if plant.sampling.kind == "updated":
+    if plant.sampling.is_updated:
         found.append(
             Problem(
                 ("measurement", "sampling", "updated"), "this observer does not choose its sampling instants",

@@ -13,22 +13,27 @@ from cdobs_cli.certify.bracket import largest_proved
 from cdobs_cli.certify.sylvester import is_observable
 from cdobs_cli.design import Design, Outcome
 from cdobs_cli.exact.functions import fraction_ball
-from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, lower_text
+from cdobs_cli.exact.matrix import Matrix
+from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, lower_text, upper_text
 from cdobs_cli.families.interval.boundedness import final_width
 from cdobs_cli.families.interval.certificates import (
+    CONE_STATES,
     Array,
     Gain,
     Views,
+    above,
     certificates,
+    error_system,
     largest_hull,
+    longest_cone,
     prove_feedback,
     proved_w_star,
     sylvester_residuals,
 )
 from cdobs_cli.families.interval.design import Search, Shape, printed
 from cdobs_cli.families.interval.held_loop import closed_loop, descriptor_design
-from cdobs_cli.families.interval.theorems import width_matrix
-from cdobs_cli.plant import Plant, SamplingLaw
+from cdobs_cli.plant import Plant
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from cdobs_cli.families.interval import Interval
@@ -61,6 +66,8 @@ def synthesize(family: Interval, plant: Plant, effort: int) -> Design:
             return Design("interval", "none", law, gain, reason=reason)
         if family.objective == "max_period":
             longest = _longest_law(plant, gain, law, family.tighten == "hull")
+            if family.tighten != "hull" and plant.n <= CONE_STATES:
+                longest = _longest_cone_law(plant, gain, longest, cut=family.tighten == "intersect")
             # The period in the spec is the least acceptable: a shorter one is no answer, whatever is proved there.
             law = longest if float(longest.T_max) > float(law.T_max) else law
     else:
@@ -167,8 +174,8 @@ def _trade_off(plant: Plant, search: Search, law: SamplingLaw) -> list[dict[str,
         proved = _proved_at(at, pair) if pair is not None else None
         if proved is not None:
             views = Views.of(at, proved[0])
-            width = final_width(views.floats, width_matrix(views.floats.Q0, views.floats.Q1), search.disturbance, search.noise)
-            points.append({"period": text, "width_sum": decimal_text(float(width.sum()), 6)})
+            width = final_width(views.exact, views.Mtot, *(Matrix.from_floats(box.tolist()) for box in (search.disturbance, search.noise)))
+            points.append({"period": text, "width_sum": upper_text(sum((arb(row[0]) for row in width.tolist()), arb(0)), 6)})
     return points
 
 
@@ -184,6 +191,20 @@ def _longest_law(plant: Plant, gain: Gain, law: SamplingLaw, hull: bool) -> Samp
     if proved is None or proved == 0:
         return law
     return law.with_period(Exact(lower_text(fraction_ball(proved), 6)))
+
+
+def _longest_cone_law(plant: Plant, gain: Gain, law: SamplingLaw, *, cut: bool) -> SamplingLaw:
+    """The law with the largest period found for which a cone of errors is proved to keep the bounds, and them bounded;
+    the law itself where there is none longer."""
+    views = Views.of(plant, gain)
+    proved = views.positivity.proved
+    if proved is None or proved == 0:
+        return law
+    errors = error_system(plant, gain, views, cut=cut)
+    found = longest_cone(errors, law, above(proved))
+    if found is None or float(found[0].T_max) <= float(law.T_max):
+        return law
+    return found[0] if found[1].proves_boundedness(errors, found[0]) else law
 
 
 def _feedback(plant: Plant, gain: Gain, law: SamplingLaw) -> Gain | None:

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.families.base import Family
-from cdobs_cli.families.fields import Rows
+from cdobs_cli.fields import Rows
 
 if TYPE_CHECKING:
     from cdobs_cli.bounds.estimate import Transient
@@ -51,30 +51,6 @@ class LpvZeroOrderHold(Family):
     """`observer: {family: lpv_zoh, ..}`."""
 
     source: ClassVar[str] = "Boukal2020"
-    example: ClassVar[str] = """\
-spec_version: 1
-title: Double integrator with a sine, measured at most every 1.2 s
-plant:
-  states: [x1, x2]
-  A: [[0, 1], [0, 0]]
-  phi: ["0", "0.3*sin(x1)"]
-  lipschitz: [[0, 0], [0.3, 0]]      # |d phi_2 / d x_1| <= 0.3; an entry may be [lo, hi] or auto
-measurement:
-  C: [[1, 0]]
-  sampling: {max_period: 1.2}        # any T_k up to 1.2; or {period: 1.2}, {min_period: 0.5, max_period: 1.2}
-observer:
-  family: lpv_zoh
-  objective: given_period            # or max_period, decay_rate
-  method: best                       # or clock, wirtinger, repaired, theorem_1
-  # gain: {L: [[1.2], [0.4]]}        # given: analyse this one; absent: find one
-  # printed: {P: [[..]], Y: [[..]]}  # data of Theorem 1 of Boukal2020 to put to the test
-simulation:
-  horizon: 30
-  initial_state: [1, 0]
-  initial_estimate: [0, 0.5]
-expect:
-  - {quantity: bounds.period_max.proved, at_least: 1.2}
-"""
 
     family: Literal["lpv_zoh"] = "lpv_zoh"
     objective: Literal["given_period", "max_period", "decay_rate"] = "given_period"
@@ -107,9 +83,11 @@ expect:
         return observer(plant, design)
 
     def inclusion(self, plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
+        from cdobs_cli.exact.numbers import ExactMatrix
         from cdobs_cli.families.lpv_zoh.observer import inclusion
 
-        return inclusion(plant, gain)
+        # Without a design: what no gain helps against is seen without one.
+        return inclusion(plant, gain or {"L": ExactMatrix([[0] * plant.p for _ in range(plant.n)])})
 
     def transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
         from cdobs_cli.families.lpv_zoh.levels import levels

@@ -20,7 +20,8 @@ from cdobs_cli.certificate import Certificate
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import PlantView
-from cdobs_cli.plant import Plant, SamplingLaw
+from cdobs_cli.plant import Plant
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     import numpy as np
@@ -128,10 +129,10 @@ def prove(plant: Plant, certificate: Certificate) -> bool:
     rows: list[tuple[Any, list[Any]]] = []
     for face in faces:
         inside = len(face.slopes) == len(view.entries) and all(
-            _at_most(slopes.lower[entry], v) and _at_most(v, slopes.upper[entry])
+            slopes.lower[entry].is_at_most(v) and v.is_at_most(slopes.upper[entry])
             for entry, v in zip(view.entries, face.slopes, strict=True)
         )
-        if not inside or face.period.sign() != 1 or not (_at_most(law.T_min, face.period) and _at_most(face.period, law.T_max)):
+        if not inside or face.period.sign() != 1 or not law.contains(SamplingLaw.periodic(face.period)):
             return False
         if (face.kind, face.order) not in set(kinds(n)):
             return False
@@ -144,10 +145,6 @@ def prove(plant: Plant, certificate: Certificate) -> bool:
         return False
     total = sum((weight * row[0] for weight, row in zip(multipliers, rows, strict=True)), arb(0))
     return all(weight > 0 for weight in multipliers) and bool(total <= 0)
-
-
-def _at_most(low: Exact, high: Exact) -> bool:
-    return low == high or (high - low).sign() in (0, 1)
 
 
 def search(plant: Plant, law: SamplingLaw, effort: int) -> Certificate | None:
@@ -189,7 +186,7 @@ def search(plant: Plant, law: SamplingLaw, effort: int) -> Certificate | None:
 
 def _periods(law: SamplingLaw) -> list[Exact]:
     """The largest period, and for an interval some below it."""
-    if law.T_min == law.T_max or law.T_max.rational is None or law.T_min.rational is None:
+    if law.is_periodic or law.T_max.rational is None or law.T_min.rational is None:
         return [law.T_max]
     low, high = law.T_min.rational, law.T_max.rational
     return [law.T_max, *(Exact(low + (high - low) * k / 4) for k in (1, 2, 3))]

@@ -13,11 +13,12 @@ from cdobs_cli.certify import clock
 from cdobs_cli.certify.ball import spectral_radius_lower
 from cdobs_cli.certify.bracket import smallest_refuted
 from cdobs_cli.certify.falsify import refute
+from cdobs_cli.certify.unseen import Unseen, unseen
 from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text, upper_text
 from cdobs_cli.families.lpv_zoh import any_gain, printed, printed_search, repaired, wirtinger
-from cdobs_cli.families.lpv_zoh.laws import at_period, contains, covers
+from cdobs_cli.families.lpv_zoh.laws import DOWN_TO_ZERO, at_period, covers
 from cdobs_cli.families.lpv_zoh.observer import inclusion
 from cdobs_cli.families.lpv_zoh.theorems import vertices_25
 from cdobs_cli.hybrid import PlantView
@@ -32,6 +33,9 @@ _SOURCES = {
     "wirtinger": "LiuFridman2012, Wirtinger's inequality for the held error, with a slope box and a rate",
     "clock": "clock-dependent quadratic function",
     "spectral_radius": "spectral radius of the sampled error",
+    "common_quadratic": "form of the sampled error that falls at every sample",
+    "polygon": "polygon of sampled errors that every sample maps into itself",
+    "dead_beat": "nilpotent map of the sampled error",
     "repaired": "Boukal2020, Theorem 1, with its proof repaired",
 }
 
@@ -47,7 +51,7 @@ class Proved:
     @property
     def family(self) -> str:
         """Its rung of the ladder of methods."""
-        return "clock" if self.certificate.method == clock.MONODROMY else self.certificate.method
+        return "clock" if self.certificate.method in clock.METHODS else self.certificate.method
 
     @property
     def T(self) -> Exact:
@@ -63,9 +67,9 @@ def reprove(plant: Plant, L: ExactMatrix, certificate: Certificate) -> Proved | 
         elif certificate.method == repaired.METHOD:
             result = repaired.prove(plant, L, certificate)
             rate = repaired.rate(certificate)
-        elif certificate.method in (clock.METHOD, clock.MONODROMY):
+        elif certificate.method in clock.METHODS:
             result = clock.prove(inclusion(plant, {"L": L}), certificate)
-            rate = Exact(certificate.data["sigma"]).ball()
+            rate = clock.decay(certificate)
         else:
             return None
     except (KeyError, ValueError, TypeError, IndexError, ZeroDivisionError, ExpressionError):
@@ -78,30 +82,71 @@ def certify(family: LpvZeroOrderHold, plant: Plant, design: Design, effort: int)
     law = design.sampling
     plant = at_period(plant, law.T_max)
     nobody = [c for c in design.certificates if c.method == any_gain.METHOD and _no_gain(plant, c)]
-    any_bound = _any_gain_bound([c for c in nobody if contains(law.with_period(c.sampling.T_max), c.sampling)])
+    any_bound = _any_gain_bound([c for c in nobody if law.with_period(c.sampling.T_max).contains(c.sampling)])
+    hidden = unseen(plant)
     if design.outcome == "none":
-        defeated = next((c for c in nobody if contains(law, c.sampling)), None)
-        status: Status = "refuted" if defeated is not None else "undecided"
+        defeated = next((c for c in nobody if law.contains(c.sampling)), None)
+        status: Status = "refuted" if defeated is not None or hidden is not None else "undecided"
         reason = "no gain survives this sampling law" if defeated is not None else design.reason or "no gain was found"
         witness = Witness("vector", "class", data=dict(defeated.data)) if defeated is not None else None
+        if hidden is not None:
+            reason, witness = hidden.sentence(plant), hidden.witness(plant)
+            T = _above(hidden.period or law.T_max)
+            if any_bound is None or any_bound.refuted is None or float(T) < float(any_bound.refuted):
+                any_bound = Bound(None, T, method="unseen direction", about=witness.about)
         claim = Claim(CONVERGENCE, "consequence", status, f"The error converges: {reason}.", family.source, required=True, witness=witness)
         return Check((claim,), {"period_max_any_gain": any_bound} if any_bound else {})
     L = design.gain["L"]
     claims: list[Claim] = []
     proofs: list[Proved] = []
+    others: list[Proved] = []  # about gains met on the way
     for certificate in design.certificates:
-        if certificate.method not in (any_gain.METHOD, printed_search.METHOD):
+        if "L" in certificate.data:
+            proof = _of_another_gain(plant, L, certificate)
+            others += [proof] if proof is not None else []
+        elif certificate.method not in (any_gain.METHOD, printed_search.METHOD):
             proof = reprove(plant, L, certificate)
             claims.append(_certificate_claim(certificate, proof, claims))
             proofs += [proof] if proof is not None else []
-    convergence = _convergence(plant, L, proofs, effort)
+    convergence = _convergence(plant, L, proofs, effort, hidden)
+    if hidden is not None:
+        statement = f"Every gain fails: {hidden.sentence(plant)}"
+        claims.append(Claim("every_gain", "certificate", "proved", statement, "exact rational arithmetic", method="unseen direction"))
     bounds = _bounds(plant, L, proofs, effort)
-    if any_bound is not None or "period_max" in bounds:
-        best = bounds["period_max"].proved if "period_max" in bounds else None
+    claims += [_other_claim(proof) for proof in others]
+    some = max((proof for proof in (*proofs, *others) if _usable(proof, plant)), key=lambda proof: float(proof.T), default=None)
+    if any_bound is not None or some is not None or "period_max" in bounds:
+        best = _below(some.T) if some is not None else None
         refuted, about = (any_bound.refuted, any_bound.about) if any_bound is not None else (None, "class")
         bounds["period_max_any_gain"] = Bound(best, refuted, method=any_gain.METHOD if refuted else None, about=about)
     printed_claims, printed_bounds = _printed(family, plant, design, L)
     return Check((convergence, *claims, *printed_claims), bounds | printed_bounds)
+
+
+def _of_another_gain(plant: Plant, L: ExactMatrix, certificate: Certificate) -> Proved | None:
+    try:
+        other = ExactMatrix(certificate.data["L"])
+    except (TypeError, ValueError, ExpressionError):
+        return None
+    return reprove(plant, other, certificate) if other.shape == L.shape else None
+
+
+def _other_claim(proof: Proved) -> Claim:
+    statement = f"Some gain converges for {_periods(proof.certificate)}"
+    method = proof.certificate.method
+    return Claim(f"period_max_any_gain.{proof.family}", "certificate", "proved", statement, _SOURCES.get(method, method), method=method)
+
+
+def _usable(proof: Proved, plant: Plant) -> bool:
+    """A proof for the plant's law at some period."""
+    return covers(proof.certificate, plant.sampling.with_period(proof.T))
+
+
+def _periods(certificate: Certificate) -> str:
+    method, law = certificate.method, certificate.sampling
+    if method in DOWN_TO_ZERO or law.from_zero:
+        return f"every T_k <= {law.T_max}"
+    return law.symbols
 
 
 def _no_gain(plant: Plant, certificate: Certificate) -> bool:
@@ -119,11 +164,7 @@ def _any_gain_bound(nobody: list[Certificate]) -> Bound | None:
 
 
 def _certificate_claim(certificate: Certificate, proof: Proved | None, before: list[Claim]) -> Claim:
-    method, law = certificate.method, certificate.sampling
-    down = method in ("wirtinger", "repaired") or law.T_min.sign() == 0
-    periods = (
-        f"every T_k <= {law.T_max}" if down else f"T_k = {law.T_max}" if law.kind == "periodic" else f"T_k in [{law.T_min}, {law.T_max}]"
-    )
+    method, periods = certificate.method, _periods(certificate)
     rate = f" at rate {lower_text(proof.rate, 6)}" if proof is not None and proof.rate > 0 else ""
     number = sum(claim.id.split(".")[0] == method for claim in before)
     return Claim(
@@ -133,18 +174,17 @@ def _certificate_claim(certificate: Certificate, proof: Proved | None, before: l
     )  # fmt: skip
 
 
-def _convergence(plant: Plant, L: ExactMatrix, proofs: list[Proved], effort: int) -> Claim:
+def _convergence(plant: Plant, L: ExactMatrix, proofs: list[Proved], effort: int, hidden: Unseen | None) -> Claim:
     """The one required claim: proved by a certificate that covers the law, else refuted by a counterexample."""
     law = plant.sampling
-    periods = f"T_k = {law.T_max}" if law.kind == "periodic" else f"any T_k in [{law.T_min}, {law.T_max}]"
-    statement = f"The error converges to 0 for {periods} and every plant of the slope class"
+    statement = f"The error converges to 0 for {law.symbols} and every plant of the slope class"
     source = "Boukal2020, (24)"
     covering = [proof for proof in proofs if covers(proof.certificate, law)]
     if covering:
         best = max(covering, key=lambda proof: float(proof.rate.mid()))
         margin = lower_text(best.rate, 9)
         return Claim(CONVERGENCE, "consequence", "proved", statement, source, True, margin, best.certificate.method, best.family)
-    witness = refute(inclusion(plant, {"L": L}), effort)
+    witness = hidden.witness(plant) if hidden is not None else refute(inclusion(plant, {"L": L}), effort)
     status: Status = "refuted" if witness is not None else "undecided"
     return Claim(CONVERGENCE, "consequence", status, statement, source, True, witness=witness)
 
@@ -155,18 +195,14 @@ def _bounds(plant: Plant, L: ExactMatrix, proofs: list[Proved], effort: int) -> 
     def longest(group: list[Proved]) -> Proved | None:
         return max(group, key=lambda proof: float(proof.T), default=None)
 
-    def usable(proof: Proved) -> bool:
-        """A proof for the plant's law at some period."""
-        return covers(proof.certificate, plant.sampling.with_period(proof.T))
-
-    best = longest([proof for proof in proofs if usable(proof)])
+    best = longest([proof for proof in proofs if _usable(proof, plant)])
     refuted = smallest_refuted(lambda T: inclusion(at_period(plant, T), {"L": L}), best.T if best else None, effort)
     upper = _above(refuted[0]) if refuted else None
     bounds: dict[str, Bound] = {}
     if best is not None or upper is not None:
         bounds["period_max"] = Bound(_below(best.T) if best else None, upper, method=best.family if best else None, about="class")
     for method in METHODS:
-        rung = longest([proof for proof in proofs if proof.family == method and usable(proof)])
+        rung = longest([proof for proof in proofs if proof.family == method and _usable(proof, plant)])
         if rung is not None:
             bounds[f"period_max.{method}"] = Bound(_below(rung.T), upper, method=method, about="class")
     covering = [proof for proof in proofs if covers(proof.certificate, plant.sampling)]

@@ -104,7 +104,7 @@ def _curve(plant: Plant, design: Design, check: Check | None) -> list[Chart]:
     bound = None if check is None else check.bounds.get("period_max")
     if bound is not None and bound.refuted not in (None, "inf"):
         series.append(Series("this gain refuted", [float(bound.refuted or 0)], [0.0], "mark", "refuted"))
-    law = "the sampling period" if plant.sampling.kind == "periodic" else "the largest sampling period"
+    law = "the sampling period" if plant.sampling.is_periodic else "the largest sampling period"
     caption = f"The decay rate against {law}. Each point was proved when it was found; what `check` proves again is this design at its law."
     return [Chart("period_rate", "Period against rate", caption, (Panel("period (s)", "proved rate (1/s)", tuple(series)),))]
 

@@ -9,8 +9,9 @@ from typing import TypeVar
 
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify.bracket import largest_proved
-from cdobs_cli.exact.numbers import Exact, decimal_text
-from cdobs_cli.plant import Plant, SamplingLaw
+from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, decimal_text
+from cdobs_cli.plant import Plant
+from cdobs_cli.sampling import SamplingLaw
 
 T_ = TypeVar("T_")
 
@@ -28,18 +29,9 @@ def at_period(plant: Plant, T: Exact) -> Plant:
 def covers(certificate: Certificate, law: SamplingLaw) -> bool:
     """Whether what the certificate shows for its own law includes this law."""
     own = certificate.sampling
-    if not _at_most(law.T_max, own.T_max):
-        return False
-    return certificate.method in DOWN_TO_ZERO or _at_most(own.T_min, law.T_min)
-
-
-def contains(law: SamplingLaw, other: SamplingLaw) -> bool:
-    """Whether every sequence of the other law is one of this law."""
-    return _at_most(law.T_min, other.T_min) and _at_most(other.T_max, law.T_max)
-
-
-def _at_most(low: Exact, high: Exact) -> bool:
-    return low == high or (high - low).sign() in (0, 1)
+    if certificate.method in DOWN_TO_ZERO:
+        own = SamplingLaw("aperiodic", EXACT_ZERO, own.T_max)
+    return own.contains(law)
 
 
 def short(value: float) -> Exact:

@@ -30,7 +30,7 @@ def problems(family: LpvZeroOrderHold, plant: Plant) -> list[Problem]:
             got = f"{matrix.shape[0]} x {matrix.shape[1]}"
             found.append(Problem(("observer", *path), "a matrix of another shape is expected", got=got, allowed=f"{rows} x {columns}"))
 
-    if plant.sampling.kind == "updated":
+    if plant.sampling.is_updated:
         found.append(
             Problem(("measurement", "sampling", "updated"), "this observer does not choose its sampling instants",
                     allowed="{period: ..} or {min_period: .., max_period: ..}", hint="family updated_sampling does")

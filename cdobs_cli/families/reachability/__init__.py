@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.families.base import Family
-from cdobs_cli.families.fields import ExpressionInDelta, Rows
+from cdobs_cli.fields import ExpressionInDelta, Rows
 
 if TYPE_CHECKING:
     from cdobs_cli.bounds.estimate import Transient
@@ -36,33 +36,6 @@ SetEntry = Annotated[
 ]
 SetRow = Annotated[tuple[SetEntry, ...], Field(max_length=MAX_STATES)]
 SetMatrix = Annotated[tuple[SetRow, ...], Field(max_length=MAX_STATES)]
-
-EXAMPLE = """\
-# yaml-language-server: $schema=cdobs-spec.schema.json
-spec_version: 1
-title: Pendulum with a sampled angle
-plant:
-  states: [theta, omega]
-  A: [[0, 1], [0, 0]]               # xdot = A x + phi(x, u)
-  phi: ["0", "sin(theta)"]
-  lipschitz: [[0, 0], [1, 0]]       # bounds of |d phi_i / d x_j|; an entry may be [low, high] or auto
-measurement:
-  C: [[1, 0]]                       # y_k = C x(t_k)
-  sampling: {period: 0.6}           # or {min_period: .., max_period: ..}
-observer:
-  family: reachability
-  objective: given_period           # or max_period (the period above is then the least), decay_rate
-  method: best                      # set: matrices that hold every reachable error; clock: V depends on the
-                                    # time since the last sample; best: both, and the better proof
-  set: clarke                       # or {matrices: [..]}: your own set, entries are expressions of `delta`
-  # gain: {K: [[1], [1.6]]}         # given: this gain is analysed; left out: one is found
-simulation:
-  horizon: 20
-  initial_state: [1, 0]
-  initial_estimate: [0, 0]
-expect:
-  - {quantity: bounds.period_max.proved, at_least: 0.6}
-"""
 
 
 class Gain(BaseModel):
@@ -92,7 +65,6 @@ class Reachability(Family):
     """`observer: {family: reachability, ..}`."""
 
     source: ClassVar[str] = "Dinh2014"
-    example: ClassVar[str] = EXAMPLE
 
     family: Literal["reachability"] = "reachability"
     objective: Literal["given_period", "max_period", "decay_rate"] = "given_period"
@@ -125,9 +97,11 @@ class Reachability(Family):
         return observer(plant, design)
 
     def inclusion(self, plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
+        from cdobs_cli.exact.numbers import ExactMatrix
         from cdobs_cli.families.reachability.observer import inclusion
 
-        return inclusion(plant, gain)
+        # Without a design: what no gain helps against is seen without one.
+        return inclusion(plant, gain or {"K": ExactMatrix([[0] * plant.p for _ in range(plant.n)])})
 
     def transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
         from cdobs_cli.families.reachability.levels import levels

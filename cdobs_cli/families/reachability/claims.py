@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 from flint import arb
 
 from cdobs_cli.certificate import Bound, Certificate, Check, Claim
-from cdobs_cli.certify import clock, planar
+from cdobs_cli.certify import clock, common_quadratic, dead_beat, planar, polygon
 from cdobs_cli.certify.bracket import smallest_refuted
 from cdobs_cli.certify.every_gain import period_lost_by_every_gain
 from cdobs_cli.certify.falsify import refute
 from cdobs_cli.certify.linear import is_linear, stable_intervals
+from cdobs_cli.certify.unseen import Unseen, unseen
 from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.functions import fraction_ball
@@ -26,16 +27,29 @@ from cdobs_cli.families.reachability.proof import METHOD, Constants, SetProof, c
 from cdobs_cli.families.reachability.sets import box_holds, construction, inclusion_12, matrix_set, reachable_box, set_limit
 from cdobs_cli.families.reachability.structure import is_chain
 from cdobs_cli.hybrid import HybridInclusion
-from cdobs_cli.plant import Plant, SamplingLaw
+from cdobs_cli.plant import Plant
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from cdobs_cli.families.reachability import Reachability
 
 CLOCK = "clock"
 PLANAR = planar.METHOD
+DEAD_BEAT = dead_beat.METHOD
 SOURCES = {
     METHOD: "Dinh2014, Theorem II.2", CLOCK: "clock-dependent Lyapunov function", PLANAR: "extremals of the planar class, exact",
+    DEAD_BEAT: "exact rational arithmetic",
 }  # fmt: skip
+# What each certificate of the rung `clock` shows, and how it was proved.
+CLOCK_FORMS = {
+    clock.METHOD: ("A clock-dependent e'P(tau)e decreases along flows and does not grow at jumps", "exact Bernstein coefficients"),
+    clock.MONODROMY: ("The error of one period has a spectral radius below 1", "powers of the map in balls"),
+    common_quadratic.METHOD: (
+        "One form of the error just after a sample falls from each sample to the next",
+        "Bernstein coefficients in balls",
+    ),
+    polygon.METHOD: ("Each sample maps a polygon of errors into itself", "Bernstein coefficients in balls"),
+}
 
 
 @dataclass(frozen=True)
@@ -60,7 +74,7 @@ class Judged:
             if not rho_squared:
                 return arb("inf") if rho_squared == 0 else arb(0)
             return -fraction_ball(rho_squared).log() / (2 * self.T.ball())
-        return fraction_ball(clock.rate(self.certificate))
+        return clock.decay(self.certificate)
 
 
 def certify(family: Reachability, plant: Plant, design: Design, effort: int) -> Check:
@@ -76,10 +90,17 @@ def certify(family: Reachability, plant: Plant, design: Design, effort: int) -> 
         high = upper_text(limit, 17) if limit.is_finite() else None
         bounds["delta_star"] = Bound(low, high, "s", "Dinh2014, Theorem III.2", "how long the box (31) holds")
     K = design.gain.get("K")
+    law = design.sampling
+    hidden = unseen(plant, law)
     if design.outcome == "none" or K is None or K.shape != (plant.n, plant.p):
         reason = design.reason or "the stored gain does not fit the plant"
-        return Check((_convergence("undecided", f"The error converges to 0: {reason}."),), bounds)
-    law = design.sampling
+        if hidden is None:
+            return Check((_convergence("undecided", f"The error converges to 0: {reason}."),), bounds)
+        statement = f"The error converges to 0: {hidden.sentence(plant)}."
+        claim = _convergence("refuted", statement, method="unseen direction", witness=hidden.witness(plant))
+        T = upper_text((hidden.period or law.T_max).ball(), 12)
+        bounds["period_max_any_gain"] = Bound(None, T, "s", "unseen direction", "every gain refuted")
+        return Check((claim,), bounds)
     judged = [_judge(family, plant, K, certificate) for certificate in design.certificates if certificate.method != REFERENCE]
     here = [item for item in judged if item.own and item.certificate.sampling == law]
     claims: list[Claim] = []
@@ -87,11 +108,12 @@ def certify(family: Reachability, plant: Plant, design: Design, effort: int) -> 
         claims += _set_claims(family, plant, K, item, limit) if item.set_proof is not None else [_other_claim(item, law)]
     claims += _ladder_claims([item for item in judged if item not in here])
     claims += [_reference_claim(plant, certificate) for certificate in design.certificates if certificate.method == REFERENCE]
-    if plant.sampling.kind == "periodic" and not any(item.set_proof for item in here) and family.method != CLOCK:
+    if plant.sampling.is_periodic and not any(item.set_proof for item in here) and family.method != CLOCK:
         claims += [*_typed_inclusion(family, plant, law.T_max), _no_set_claim(law)]
     proofs = [item for item in here if item.proved]
-    witness = None if proofs else refute(_closed(plant, K, law), effort)
+    witness = None if proofs else hidden.witness(plant) if hidden is not None else refute(_closed(plant, K, law), effort)
     claims.insert(0, _conclusion(law, proofs, witness))
+    claims += _hidden_claims(plant, hidden)
     bounds |= _bounds(family, plant, K, judged, law, effort)
     claims += _every_gain_claims(plant, K, judged, law, bounds, effort)
     claims += _interval_claims(_closed(plant, K, law))
@@ -100,7 +122,7 @@ def certify(family: Reachability, plant: Plant, design: Design, effort: int) -> 
 
 def _judge(family: Reachability, plant: Plant, K: ExactMatrix, certificate: Certificate) -> Judged:
     own = "K" not in certificate.data
-    method = certificate.method if certificate.method in (METHOD, PLANAR) else CLOCK
+    method = certificate.method if certificate.method in (METHOD, PLANAR, DEAD_BEAT) else CLOCK
     try:
         gain = K if own else ExactMatrix(certificate.data["K"])
     except (TypeError, ValueError, ExpressionError):
@@ -123,18 +145,15 @@ def _convergence(status: Any, statement: str, **more: Any) -> Claim:
 
 
 def _conclusion(law: SamplingLaw, proofs: list[Judged], witness: Any) -> Claim:
-    statement = f"The error converges to 0 for every slope history in the class, sampling {_law(law)}."
+    statement = f"The error converges to 0 for every slope history in the class, sampling {law.words}."
     if proofs:
         best = max(proofs, key=lambda item: float(item.rate.lower()))
         by = "set.contraction" if best.method == METHOD else best.method
         return _convergence("proved", statement, margin=lower_text(best.rate, 6) if best.rate > 0 else None, method=best.method, by=by)
     if witness is not None:
-        return _convergence("refuted", statement, method=f"{witness.kind} slopes", witness=witness)
+        method = "unseen direction" if witness.kind == "vector" else f"{witness.kind} slopes"
+        return _convergence("refuted", statement, method=method, witness=witness)
     return _convergence("undecided", statement)
-
-
-def _law(law: SamplingLaw) -> str:
-    return f"every {law.T_max}" if law.kind == "periodic" else f"at periods in [{law.T_min}, {law.T_max}]"
 
 
 def _set_claims(family: Reachability, plant: Plant, K: ExactMatrix, item: Judged, limit: arb) -> list[Claim]:
@@ -206,13 +225,24 @@ def _no_set_claim(law: SamplingLaw) -> Claim:
 
 def _other_claim(item: Judged, law: SamplingLaw) -> Claim:
     if item.method == PLANAR:
-        statement = f"No slope history makes |e_2| after a jump as large as after the jump before, sampling {_law(law)}."
+        statement = f"No slope history makes |e_2| after a jump as large as after the jump before, sampling {law.words}."
         return Claim(PLANAR, "certificate", _status(item.proved), statement, SOURCES[PLANAR], method="switching times enclosed in balls")
+    if item.method == DEAD_BEAT:
+        statement = f"Every error is 0 after finitely many samples, sampling {law.words}."
+        return Claim(DEAD_BEAT, "certificate", _status(item.proved), statement, SOURCES[DEAD_BEAT], method="exact matrices")
+    what, how = CLOCK_FORMS.get(item.certificate.method, CLOCK_FORMS[clock.METHOD])
     return Claim(
-        CLOCK, "certificate", _status(item.proved),
-        f"A clock-dependent e'P(tau)e decreases along flows and does not grow at jumps, sampling {_law(law)}.",
-        SOURCES[CLOCK], margin=lower_text(item.rate, 6) if item.proved and item.rate > 0 else None, method="exact Bernstein coefficients",
+        CLOCK, "certificate", _status(item.proved), f"{what}, sampling {law.words}.", SOURCES[CLOCK],
+        margin=lower_text(item.rate, 6) if item.proved and item.rate > 0 else None, method=how,
     )  # fmt: skip
+
+
+def _hidden_claims(plant: Plant, hidden: Unseen | None) -> list[Claim]:
+    """That no gain helps, where an error is never seen."""
+    if hidden is None:
+        return []
+    statement = f"Every gain fails: {hidden.sentence(plant)}."
+    return [Claim("every_gain", "certificate", "proved", statement, "exact rational arithmetic", method="unseen direction")]
 
 
 def _ladder_claims(items: list[Judged]) -> list[Claim]:
@@ -228,7 +258,7 @@ def _ladder_claim(item: Judged) -> Claim:
     whose = "This gain" if item.own else "Some gain"
     name = "period_max" if item.own else "period_max_any_gain"
     return Claim(
-        f"{name}.{item.method}", "certificate", _status(item.proved), f"{whose} converges, sampling {_law(item.certificate.sampling)}.",
+        f"{name}.{item.method}", "certificate", _status(item.proved), f"{whose} converges, sampling {item.certificate.sampling.words}.",
         SOURCES[item.method], method=item.method,
     )  # fmt: skip
 
@@ -249,19 +279,23 @@ def _bounds(family: Reachability, plant: Plant, K: ExactMatrix, judged: list[Jud
     bounds = {}
     proved = [item for item in judged if item.proved and item.certificate.sampling == law.with_period(item.T)]
     own = [item for item in proved if item.own]
-    about = "this gain" + ("" if law.kind == "periodic" else f", periods from {law.T_min}")
+    about = "this gain" + ("" if law.is_periodic else f", periods from {law.T_min}")
     for method in (METHOD, CLOCK, PLANAR):
         best = _longest([item for item in own if item.method == method])
-        tried = {METHOD: law.kind == "periodic", CLOCK: all(item.method != PLANAR for item in own), PLANAR: False}[method]
+        tried = {METHOD: law.is_periodic, CLOCK: all(item.method != PLANAR for item in own), PLANAR: False}[method]
         if best is not None or family.method == method or (family.method == "best" and tried):
             bounds[f"period_max.{method}"] = Bound(None if best is None else _T(best), None, "s", method, about)
     best = _longest(own)
-    failing = smallest_refuted(lambda T: _closed(plant, K, law.with_period(T)), None if best is None else best.T, effort)
-    refuted = None if failing is None else str(failing[0])
-    bounds["period_max"] = Bound(None if best is None else _T(best), refuted, "s", best.method if best else None, about)
-    any_gain = _longest(proved)
-    if any_gain is not None:
-        bounds["period_max_any_gain"] = Bound(_T(any_gain), None, "s", any_gain.method, "some gain")
+    if any(item.method == DEAD_BEAT for item in own) and dead_beat.resets(_closed(plant, K, law)):
+        for name in ("period_max", "period_max_any_gain"):
+            bounds[name] = Bound("inf", None, "s", DEAD_BEAT, "one sample erases every error, whatever the period")
+    else:
+        failing = smallest_refuted(lambda T: _closed(plant, K, law.with_period(T)), None if best is None else best.T, effort)
+        refuted = None if failing is None else str(failing[0])
+        bounds["period_max"] = Bound(None if best is None else _T(best), refuted, "s", best.method if best else None, about)
+        any_gain = _longest(proved)
+        if any_gain is not None:
+            bounds["period_max_any_gain"] = Bound(_T(any_gain), None, "s", any_gain.method, "some gain")
     here = [item for item in own if item.certificate.sampling == law]
     here = [item for item in here if item.rate > 0]
     if here:

@@ -145,6 +145,6 @@ def _notes(family: Reachability, plant: Plant, design: Design) -> tuple[str, ...
     notes: list[str] = []
     if family.set != "clarke":
         notes.append("The set M is the typed one; that it holds every reachable error is the claim set.inclusion.")
-    if design.sampling.kind == "periodic":
+    if design.sampling.is_periodic:
         notes.append("For constant periods a proof at one period says nothing of a shorter one.")
     return tuple(notes)

@@ -65,7 +65,7 @@ def prove(family: Reachability, plant: Plant, K: ExactMatrix, certificate: Certi
     """
     delta = certificate.sampling.T_max
     nothing = SetProof(delta, False, False, False, False, str(certificate.data.get("form")), 0, None)
-    if certificate.sampling.kind != "periodic" or delta.sign() != 1:
+    if not certificate.sampling.is_periodic or delta.sign() != 1:
         return nothing
     if plant.p >= plant.n and certificate.data.get("Q") == [] and kernel(plant.C).dimension == 0 and kernel(plant.C).is_kept(K):
         return SetProof(delta, True, True, True, True, "reduced", 0, Fraction(0))

@@ -17,7 +17,8 @@ from cdobs_cli.families.reachability.kernel import Kernel, kernel
 from cdobs_cli.families.reachability.proof import METHOD, SetProof, prove
 from cdobs_cli.families.reachability.search import Log, Members, contraction, design, fastest, lyapunov, members
 from cdobs_cli.families.reachability.sets import matrix_set, set_limit
-from cdobs_cli.plant import Plant, SamplingLaw
+from cdobs_cli.plant import Plant
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -33,7 +33,7 @@ def problems(family: Reachability, plant: Plant) -> list[Problem]:
     found: list[Problem] = []
     n, p = plant.n, plant.p
     observer = ("observer",)
-    if plant.sampling.kind == "updated":
+    if plant.sampling.is_updated:
         found.append(
             Problem(("measurement", "sampling", "updated"), "this observer does not choose its sampling instants",
                     allowed="{period: ..} or {min_period: .., max_period: ..}", hint="family updated_sampling does")
@@ -65,7 +65,7 @@ def problems(family: Reachability, plant: Plant) -> list[Problem]:
         if not family.set.matrices:
             found.append(Problem((*observer, "set", "matrices"), "the set holds at least one matrix", got="[]"))
     if family.method == "set":
-        if plant.sampling.kind == "aperiodic":
+        if not (plant.sampling.is_periodic or plant.sampling.is_updated):
             found.append(
                 Problem(("measurement", "sampling"), "the set of matrices is built for one period", got="a range of periods",
                         allowed="{period: ..}", hint="method best or clock takes a range")

@@ -6,13 +6,15 @@ keeps the better answer. A given K is analysed, an absent one is found.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify import clock, planar
+from cdobs_cli.certify import clock, dead_beat, planar
+from cdobs_cli.certify.unseen import unseen
 from cdobs_cli.design import Design
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text
 from cdobs_cli.families.reachability.continuous import reference
@@ -23,7 +25,8 @@ from cdobs_cli.families.reachability.proof import METHOD
 from cdobs_cli.families.reachability.set_design import Found, SetSearch
 from cdobs_cli.families.reachability.sets import box_holds
 from cdobs_cli.families.reachability.structure import is_chain
-from cdobs_cli.plant import Plant, SamplingLaw
+from cdobs_cli.plant import Plant
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from cdobs_cli.families.reachability import Reachability
@@ -51,7 +54,7 @@ class _Synthesis:
     def __init__(self, family: Reachability, plant: Plant, effort: int) -> None:
         self.family, self.plant, self.effort = family, plant, effort
         self.law = plant.sampling
-        self.by_set = family.method in ("best", "set") and self.law.kind == "periodic"
+        self.by_set = family.method in ("best", "set") and self.law.is_periodic
         self.by_clock = family.method in ("best", "clock")
         self.search = SetSearch(family, plant, effort)
         self.planar = PlanarSearch(self._closed_at, self.law.T_max, plant.C) if family.method == "best" and self.by_set else None
@@ -63,7 +66,8 @@ class _Synthesis:
     def run(self) -> Design:
         if self.family.gain is not None:
             return self._analyse(self.family.gain.K)
-        reason = undetectable(self.plant)
+        hidden = unseen(self.plant)
+        reason = hidden.sentence(self.plant) if hidden is not None else undetectable(self.plant)
         found = [] if reason else [candidate for candidate in self._candidates() if candidate is not None]
         if not found:
             return self._design("none", self.law, {}, (), reason or self._why_nothing())
@@ -71,12 +75,17 @@ class _Synthesis:
         others = tuple(_of_another_gain(candidate) for candidate in found if candidate is not best)
         law = best.certificate.sampling
         own = (best.certificate, *self._at(best.K, law, without=best.certificate.method))
+        if best.certificate.method == dead_beat.METHOD:  # no period is too long
+            return self._design("found", law, {"K": best.K}, own)
         ladder = self._ladder(best.K, law, {best.certificate.method} if self.family.objective == "max_period" else set())
         return self._design("found", law, {"K": best.K}, (*own, *ladder, *others, *self._any_gain()))
 
     def _analyse(self, K: ExactMatrix) -> Design:
+        hidden = unseen(self.plant)
+        if hidden is not None and hidden.period is None:  # no period to look for, with this gain or another
+            return self._design("given", self.law, {"K": K}, ())
         own = self._at(K, self.law)
-        ladder = self._ladder(K, self.law, set())
+        ladder = () if dead_beat.resets(self._closed(K, self.law)) else self._ladder(K, self.law, set())
         law = self.law
         if self.family.objective == "max_period":
             longer = [certificate.sampling for certificate in ladder if float(certificate.sampling.T_max) > float(law.T_max)]
@@ -93,6 +102,11 @@ class _Synthesis:
 
     def _candidates(self) -> Iterable[Candidate | None]:
         T = self.law.T_max
+        if self.search.kernel.dimension == 0:  # n = rank C: a sample tells the state
+            reset = self._dead_beat()
+            if reset is not None:
+                yield reset
+                return
         match self.family.objective:
             case "given_period":
                 found = self._from_set(self.search.gain_at(T), 1.0) if self.by_set else None
@@ -119,6 +133,12 @@ class _Synthesis:
                     yield self._from_set(by_set, _rate(by_set.certificate) if by_set else 0.0)
                 if self.by_clock:
                     yield self._fastest_clock(T)
+
+    def _dead_beat(self) -> Candidate | None:
+        """K with K C = I, where that ends as decimals: no error survives the first sample, under any law."""
+        K = self.search.kernel.gain(None, 15)
+        certificate = dead_beat.analyse(self._closed(K, self.law))
+        return None if certificate is None else Candidate(K, certificate, math.inf)
 
     def _from_set(self, found: Found | None, merit: float) -> Candidate | None:
         return None if found is None else Candidate(found.K, found.certificate, merit)
@@ -155,6 +175,8 @@ class _Synthesis:
     def _at(self, K: ExactMatrix, law: SamplingLaw, without: str = "") -> tuple[Certificate, ...]:
         """Certificates of a gain for one law, by each method."""
         certificates: list[Certificate | None] = []
+        if without != dead_beat.METHOD:
+            certificates.append(dead_beat.analyse(self._closed(K, law)))
         if self.by_set and without != METHOD:
             found = self.search.certificate_at(law.T_max, K)
             certificates.append(found.certificate if found else None)
@@ -219,8 +241,6 @@ def _of_another_gain(candidate: Candidate) -> Certificate:
 
 
 def _rate(certificate: Certificate) -> float:
-    import math
-
     rho_squared = float(certificate.data["rho_squared"])
     return -math.log(rho_squared) / (2 * float(certificate.sampling.T_max)) if rho_squared > 0 else math.inf
 

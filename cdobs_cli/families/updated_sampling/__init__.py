@@ -19,7 +19,7 @@ from cdobs_cli.chart import Exhibits
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.families.base import Family
-from cdobs_cli.families.fields import NonNegativeNumber, PositiveNumber, Rows, formula
+from cdobs_cli.fields import NonNegativeNumber, PositiveNumber, Rows, formula
 
 if TYPE_CHECKING:
     from cdobs_cli.certificate import Check
@@ -49,35 +49,6 @@ class UpdatedSampling(Family):
     """`observer: {family: updated_sampling, ..}`."""
 
     source: ClassVar[str] = "Andrieu2014"
-    example: ClassVar[str] = """\
-spec_version: 1
-title: Pendulum on a shaken pivot, measured when the observer asks
-plant:
-  states: [theta, omega]
-  inputs:
-    g: {range: [0.5, 4]}             # acceleration of the pivot and gravity, known
-  A: [[0, 1], [0, 0]]                # a chain of integrators
-  phi: ["0", "g*sin(theta)"]
-  lipschitz: [[0, 0], [[-4, 4], 0]]  # lower triangular; an entry may be a number, [lo, hi] or auto
-measurement:
-  C: [[1, 0]]                        # the first state
-  sampling: {updated: true}          # the observer chooses its sampling instants
-observer:
-  family: updated_sampling
-  objective: max_period              # the longest guaranteed period; or given_alpha, with alpha: 0.5
-  method: theorem_2_prime            # or theorem_2: the constants of the paper
-  variant: triangular                # or last_row: slopes in the last row only, |phi_n| bounded by c |e|
-  # c: "1.01*g"                      # a bound of the slopes in terms of estimate and inputs; absent: derived
-  # gain: {K: [[-2], [-1]], alpha: 0.5, a1: 1, a2: 0.1, a3: 0.1}  # given: analyse this one; absent: find one
-simulation:
-  horizon: 10
-  initial_state: [1, 0]
-  initial_estimate: [0, 0]
-  signals: {g: "2 + 1.5*sin(t)"}
-expect:
-  - {quantity: verdict, equals: proved}
-  - {quantity: simulation.overall.error_final, at_most: 0.001}
-"""
 
     family: Literal["updated_sampling"] = "updated_sampling"
     objective: Literal["max_period", "given_alpha"] = "max_period"

@@ -11,7 +11,8 @@ from cdobs_cli.certify import clock
 from cdobs_cli.certify.bracket import largest_proved
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, PlantView
-from cdobs_cli.plant import Plant, SamplingLaw, Slopes
+from cdobs_cli.plant import Plant, Slopes
+from cdobs_cli.sampling import SamplingLaw
 
 MAX_STATES = 3
 METHOD = "constant_period"

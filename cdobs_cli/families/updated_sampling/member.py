@@ -8,7 +8,8 @@ from typing import Any
 
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, PlantView
-from cdobs_cli.plant import Plant, SamplingLaw, Slopes
+from cdobs_cli.plant import Plant, Slopes
+from cdobs_cli.sampling import SamplingLaw
 
 
 def error_maps(view: PlantView[Any]) -> ErrorMaps[Any]:

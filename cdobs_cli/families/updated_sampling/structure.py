@@ -17,7 +17,7 @@ MAX_STATES = 6
 def problems(family: UpdatedSampling, plant: Plant) -> list[Problem]:
     """Mistakes that show without linear algebra."""
     n, found = plant.n, []
-    if plant.sampling.kind != "updated":
+    if not plant.sampling.is_updated:
         found.append(
             Problem(("measurement", "sampling"), "this observer chooses its sampling instants", got=plant.sampling.kind,
                     allowed="{updated: true}")

@@ -8,7 +8,8 @@ from cdobs_cli.exact.expression import ZERO
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.interval.theorems import Coordinates, coordinates
-from cdobs_cli.plant import Box, Input, Plant, SamplingLaw, Slopes
+from cdobs_cli.plant import Box, Input, Plant, Slopes
+from cdobs_cli.sampling import SamplingLaw
 
 
 def box(lower, upper):

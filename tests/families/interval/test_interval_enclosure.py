@@ -12,8 +12,8 @@ from cdobs_cli.exact.parser import parse
 from cdobs_cli.families.interval import Feedback, Gain, Interval
 from cdobs_cli.families.interval.theorems import error_flow, error_held
 from cdobs_cli.hybrid import HybridSystem
-from cdobs_cli.plant import SamplingLaw
 from cdobs_cli.run import SimulationPlan
+from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.engine import simulate
 
 PRINTED = Gain(S=PENDULUM_S, L=PENDULUM_L)

@@ -6,6 +6,8 @@ from math import exp, log
 import numpy as np
 import pytest
 from interval_plants import PENDULUM, SCALAR, exact, floats
+from scipy.linalg import expm
+from scipy.optimize import brentq
 
 from cdobs_cli.certify.falsify import exponentials
 from cdobs_cli.exact.functions import fraction_ball
@@ -126,3 +128,24 @@ def test_monotone_in_the_injection():
     limits = [float(limit(exact([[1]], [[1]], [[1]], [[q]])).proved) for q in ("1.2", "1.4", "2", "4")]
     assert limits == sorted(limits, reverse=True)
     assert abs(limits[3] - log(4 / 3)) < 1e-7 and exp(1) > 2
+
+
+def test_the_first_column_to_fail_decides():
+    """Two outputs without coupling: limits 1 and 1/2; with a third that never fails."""
+    found = limit(
+        exact(
+            [[0, 0, 0], [0, 0, 0], [0, 0, 2]],
+            np.eye(3, dtype=int).tolist(),
+            np.eye(3, dtype=int).tolist(),
+            [[1, 0, 0], [0, 2, 0], [0, 0, 1]],
+        )
+    )
+    bracket_holds(found, 0.5)
+    assert found.column is not None and found.column % 3 == 1
+
+
+def test_an_entry_that_grows_with_another_may_fail_first():
+    """x2 grows at once and lifts x1 beyond 5/8: x1 is not taken to grow for ever while it still falls."""
+    found = limit(exact([["0", "1.6"], ["1", "1"]], [[1, 0]], [[1, 0], [0, 1]], [["2"], ["0"]]))
+    flow = np.array([[0, 1.6, -2], [1, 1, 0], [0, 0, 0]])
+    bracket_holds(found, brentq(lambda s: expm(flow * s)[0] @ [1, 0, 1], 0.6, 0.65))

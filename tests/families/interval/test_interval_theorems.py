@@ -32,7 +32,7 @@ from cdobs_cli.families.interval.theorem_2 import (
     spectral_norm,
 )
 from cdobs_cli.families.interval.theorems import feedback_flow, feedback_held, lmi_15, width_matrix
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 
 
 def width_of(z):
@@ -230,3 +230,24 @@ def test_feedback_matrices_agree_with_the_width_and_midpoint():
     difference, total = np.hstack([-np.eye(2), np.eye(2)]), np.vstack([np.eye(2), np.eye(2)])
     assert np.allclose(difference @ F, width_of(f) @ difference)
     assert np.allclose(F @ total, np.vstack([f.Q0 + f.Q1 + f.S @ B @ (low + up)] * 2))
+
+
+@pytest.mark.parametrize(
+    ("Mtot", "w_star"),
+    [([[1]], [[1]]), ([[-1, 0], [0, 1]], [[1], [-1]]), ([[-1, 0], [0, 1]], [[1], [0]]), ([[-1, 0], [0, 1]], [[1], [1]]), ([[-1]], [[-1]])],
+)
+def test_what_is_no_witness_of_a_hurwitz_matrix_proves_nothing(Mtot, w_star):
+    assert prove_hurwitz(Matrix.from_rows(Mtot), Matrix.from_rows(w_star)) is None
+
+
+def test_the_rate_of_a_witness_is_that_of_its_slowest_row():
+    assert prove_hurwitz(Matrix.from_rows([[-3, 0], [0, -2]]), Matrix.from_rows([[1], [1]])) == 2
+    assert prove_hurwitz(Matrix.from_rows([[-2, 0], [0, -3]]), Matrix.from_rows([[1], [1]])) == 2
+
+
+def test_the_final_width_of_x_takes_every_part_of_z_for_its_worst():
+    """S^-1 = [1 0; -1 1]: x2 = z2 - z1 is as uncertain as both together."""
+    z = exact([["1.5", "1.5"], ["-1.6", "-1.6"]], [[1, 0]], [[1, 0], [1, 1]], [[2], [-2]])
+    w = np.linalg.solve([[2, -1.5], [0, 0.1]], [1 + 2 * 0.2, 1 + 1])
+    width = final_width(z, width_of(z), Matrix.from_rows([[1], [1]]), Matrix.from_rows([[Fraction(1, 5)]]))
+    assert np.allclose(width.floats.ravel(), [w[0], w[0] + w[1]])

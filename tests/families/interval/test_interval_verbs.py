@@ -10,8 +10,8 @@ from cdobs_cli.design import Design
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import parse
 from cdobs_cli.families.interval import Feedback, Gain, Interval
-from cdobs_cli.plant import SamplingLaw
 from cdobs_cli.run import SimulationPlan
+from cdobs_cli.sampling import SamplingLaw
 
 PRINTED = Gain(S=PENDULUM_S, L=PENDULUM_L)
 PRINTED_K = Feedback(K_lower=[["-1/8", "-1/8"]], K_upper=[["-1/16", "-1/16"]])
@@ -44,10 +44,16 @@ def test_the_printed_pendulum():
     assert abs(float(check.bounds["final_width.x2"].proved) - 13.4) < 1e-9
 
 
-@pytest.mark.parametrize(("T", "verdict"), [("0.2879178", "proved"), ("0.2879179", "refuted")])
-def test_verdict_turns_at_the_exact_limit(T, verdict):
+@pytest.mark.parametrize(
+    ("T", "verdict", "by"),
+    [("0.2879178", "proved", "E(s) >= 0"), ("0.2879179", "proved", "cone"), ("0.28996", "proved", "cone"), ("0.28998", "refuted", "box")],
+)
+def test_verdict_turns_at_the_limit_for_boxes_of_x(T, verdict, by):
+    """E(s) >= 0 ends at 0.2879178; boxes of x(0) start in a smaller cone, which lasts until sqrt(2) E_11 + E_14 = 0."""
     _, check = made(Interval(gain=PRINTED), pendulum(up_to(T)), 0)
-    assert check.verdict == verdict
+    assert check.verdict == verdict and by in check.claim("positivity").statement
+    orthant = check.bounds["positivity_period_max.orthant"]
+    assert abs(float(orthant.proved) - 0.2879178) < 1e-7 and abs(float(orthant.refuted) - 0.2879178) < 1e-7
     assert status(check, "theorem_1_positivity") == "refuted"  # the paper's condition says nothing beyond 0.101285
 
 
@@ -60,7 +66,7 @@ def test_irrational_periods_are_compared_exactly():
 
 def test_period_max_with_given_gains_takes_the_limit():
     design, check = made(Interval(gain=PRINTED, objective="max_period"), pendulum(up_to("0.1")))
-    assert design.sampling.document() == {"min_period": "0", "max_period": "0.287917"} and check.verdict == "proved"
+    assert 0.28996 < float(design.sampling.T_max) < 0.2899707 and check.verdict == "proved"  # E(s) >= 0 until 0.287917 only
     assert check.bounds["period_max"] == replace(check.bounds["positivity_period_max"], method="positivity and boundedness", about=None)
 
 

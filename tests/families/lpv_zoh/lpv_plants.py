@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import parse
-from cdobs_cli.plant import Plant, SamplingLaw, Slopes
+from cdobs_cli.plant import Plant, Slopes
+from cdobs_cli.sampling import SamplingLaw
 
 PRINTED_L = ExactMatrix([["8.7188"], ["7.0571"]])
 PRINTED_P = ExactMatrix([["0.42729", "-0.45686"], ["-0.45686", "0.5924"]])

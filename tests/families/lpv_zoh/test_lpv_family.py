@@ -20,7 +20,8 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold
 from cdobs_cli.families.lpv_zoh.laws import at_period, covers, largest
 from cdobs_cli.hybrid import HybridSystem
-from cdobs_cli.plant import Plant, SamplingLaw
+from cdobs_cli.plant import Plant
+from cdobs_cli.sampling import SamplingLaw
 
 
 def family(**options: object) -> LpvZeroOrderHold:

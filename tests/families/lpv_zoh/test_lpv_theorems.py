@@ -15,7 +15,8 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.lpv_zoh import any_gain, printed, repaired, theorems, wirtinger
 from cdobs_cli.families.lpv_zoh.structure import is_class_16
 from cdobs_cli.hybrid import HybridInclusion, PlantView
-from cdobs_cli.plant import Plant, SamplingLaw
+from cdobs_cli.plant import Plant
+from cdobs_cli.sampling import SamplingLaw
 
 
 def exponential(M: np.ndarray) -> np.ndarray:

@@ -7,7 +7,8 @@ from typing import Any
 
 from cdobs_cli.exact.expression import ZERO
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
-from cdobs_cli.plant import Plant, SamplingLaw, Slopes
+from cdobs_cli.plant import Plant, Slopes
+from cdobs_cli.sampling import SamplingLaw
 
 PRINTED = {
     "matrices": [

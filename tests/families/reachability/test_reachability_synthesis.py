@@ -11,7 +11,7 @@ from reachability_plants import PRINTED, chain, feedforward, plant, symmetric_ch
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.reachability import Reachability
 from cdobs_cli.families.reachability.set_design import SetSearch
-from cdobs_cli.plant import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw
 
 PENDULUM = symmetric_chain((1, 0), "0.6")
 
@@ -146,8 +146,10 @@ def test_what_cannot_be_detected_has_no_design_and_a_reason(p):
         design, check = run(Reachability(method=method), p)
         assert design.outcome == "none"
         assert "not detectable" in design.reason
-        assert check.verdict == "undecided"
-        assert "not detectable" in check.claim("convergence").statement
+        assert check.verdict == "refuted"
+        convergence = check.claim("convergence")
+        assert "not detectable" in convergence.statement
+        assert convergence.witness.kind == "vector"
 
 
 def test_an_oscillator_sampled_off_the_half_turn_has_one():
@@ -216,7 +218,8 @@ def test_a_stored_design_is_checked_without_a_solver():
 import sys
 from cdobs_cli.exact.numbers import ExactMatrix, Exact
 from cdobs_cli.exact.expression import ZERO
-from cdobs_cli.plant import Plant, SamplingLaw, Slopes
+from cdobs_cli.plant import Plant, Slopes
+from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.design import Design
 from cdobs_cli.families.reachability import Reachability

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import parse
-from cdobs_cli.plant import Domain, Input, Interval, Plant, SamplingLaw, Slopes
+from cdobs_cli.plant import Domain, Input, Interval, Plant, Slopes
+from cdobs_cli.sampling import SamplingLaw
 
 
 def chain(

@@ -1,0 +1,61 @@
+"""Errors that are gone after finitely many samples: proved without any function that decays.
+
+1. J = 0 (I - K C = 0, n = rank C): the first sample sets e = 0 under every law and for every slope, and e = 0
+   stays. No period is too long.
+2. A linear loop with one constant rational period T and a nilpotent flow F (a chain of integrators): exp(F T) is
+   a polynomial in T, so M = J exp(F T) is rational, and M^N = 0 is decided exactly.
+"""
+
+from __future__ import annotations
+
+from cdobs_cli.certificate import Certificate
+from cdobs_cli.exact.matrix import Matrix
+from cdobs_cli.hybrid import HybridInclusion
+from cdobs_cli.sampling import SamplingLaw
+
+METHOD = "dead_beat"
+
+
+def resets(inclusion: HybridInclusion) -> bool:
+    """Whether one sample erases every error: J = 0 exactly."""
+    J = inclusion.balls.jump
+    return J.is_rational and _is_zero(J)
+
+
+def analyse(inclusion: HybridInclusion) -> Certificate | None:
+    """The certificate under the inclusion's law, or None."""
+    certificate = Certificate(METHOD, inclusion.sampling, {})
+    return certificate if prove(inclusion, certificate) else None
+
+
+def prove(inclusion: HybridInclusion, certificate: Certificate) -> bool:
+    """Whether every error is 0 after finitely many samples under the certificate's law."""
+    law = certificate.sampling
+    if not law.is_bounded:
+        return False
+    return resets(inclusion) or _is_nilpotent_at(inclusion, law)
+
+
+def _is_nilpotent_at(inclusion: HybridInclusion, law: SamplingLaw) -> bool:
+    T = law.T_max.rational
+    if inclusion.entries or not law.is_periodic or T is None:
+        return False
+    maps = inclusion.balls
+    if not (maps.base.is_rational and maps.jump.is_rational):
+        return False
+    N = maps.base.shape[0]
+    term = total = Matrix.identity(N)
+    for k in range(1, N + 1):
+        term = term @ maps.base * T / k
+        total = total + term
+    if not _is_zero(term):  # F^N = 0: the series ends
+        return False
+    M = maps.jump @ total
+    power = M
+    for _ in range(N - 1):
+        power = power @ M
+    return _is_zero(power)
+
+
+def _is_zero(M: Matrix) -> bool:
+    return all(value == 0 for row in M.tolist() for value in row)

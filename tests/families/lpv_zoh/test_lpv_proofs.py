@@ -1,0 +1,131 @@
+"""Bounds of this family: periods that no gain survives, the best of everything proved, curves, unseen directions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from lpv_plants import linear_class, sine, up_to
+
+from cdobs_cli.certificate import Certificate
+from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold, any_gain, wirtinger
+from cdobs_cli.families.lpv_zoh.any_gain import Face
+from cdobs_cli.families.lpv_zoh.curve import Point, running_maxima
+from cdobs_cli.sampling import SamplingLaw
+
+
+def family(**options: object) -> LpvZeroOrderHold:
+    return LpvZeroOrderHold.model_validate({"family": "lpv_zoh", **options})
+
+
+def faces(*chosen):
+    return {"faces": [Face(kind, order, tuple(map(Exact, slopes)), Exact(T)).document() for kind, order, slopes, T in chosen]}
+
+
+def test_a_negative_multiplier_weighs_a_condition_the_wrong_way():
+    """edot = v e - L e(t_k), v in [-1, 1]: p(1) > 0 is L > v, at each v. L = 2 meets both at a short period; their
+    difference is a negative constant all the same."""
+    plant = linear_class([["0"]], [["1"]], {(0, 0): ("-1", "1")}, SamplingLaw.periodic(Exact("0.1")))
+    data = faces(("plus", 0, ["-1"], "0.1"), ("plus", 0, ["1"], "0.1"))
+    assert not any_gain.prove(plant, Certificate(any_gain.METHOD, plant.sampling, data))
+    data = faces(("plus", 0, ["1"], "0.1"), ("plus", 0, ["-1"], "0.1"))
+    assert not any_gain.prove(plant, Certificate(any_gain.METHOD, plant.sampling, data))
+
+
+def test_conditions_that_leave_a_gain_refute_nothing():
+    """At T = ln 3 and v = 1, p(1) > 0 and p(-1) > 0 ask for 1 < L < 2."""
+    plant = linear_class([["0"]], [["1"]], {(0, 0): ("-1", "1")}, SamplingLaw.periodic(Exact("log(3)")))
+    data = faces(("plus", 0, ["1"], "log(3)"), ("minus", 0, ["1"], "log(3)"))
+    assert not any_gain.prove(plant, Certificate(any_gain.METHOD, plant.sampling, data))
+
+
+def test_curves_are_running_maxima_where_a_proof_serves_shorter_periods():
+    def point(T, rate, method="clock", law=None):
+        law = law or up_to(T)
+        return Point(Exact(T), Exact(rate), Certificate(method, law, {"L": [["1"]]}))
+
+    periods = [Exact(T) for T in ("1", "2", "3", "4")]
+    points = [point("1", "0.5"), None, point("3", "0.7"), point("4", "0.2")]
+    kept = running_maxima(periods, points, up_to("4"))
+    assert [(str(p.T), str(p.rate)) for p in kept] == [("1", "0.7"), ("2", "0.7"), ("3", "0.7"), ("4", "0.2")]
+    # One constant period says nothing of another, unless the proof is for all periods up to it.
+    constant = SamplingLaw.periodic(Exact("4"))
+    alone = [None if p is None else replace(p, certificate=replace(p.certificate, sampling=constant.with_period(p.T))) for p in points]
+    assert [str(p.rate) for p in running_maxima(periods, alone, constant)] == ["0.5", "0.7", "0.2"]
+    down = [None if p is None else replace(p, certificate=replace(p.certificate, method="wirtinger")) for p in alone]
+    assert [str(p.rate) for p in running_maxima(periods, down, constant)] == ["0.7", "0.7", "0.7", "0.2"]
+
+
+def test_any_gain_is_the_best_of_everything_proved():
+    """The gain found for a rate at a short period is not the one that lasts longest: the curve's last point is proved too."""
+    plant = sine(up_to("0.4"))
+    card = family(method="wirtinger", objective="decay_rate")
+    design = card.synthesize(plant, 1)
+    check = card.certify(plant, design, 1)
+    some, own = (float(check.bounds[name].proved) for name in ("period_max_any_gain", "period_max"))
+    last = design.details["curve"]["any_gain"][-1]
+    assert some == float(last["period"]) > 1.1 * own
+    L = ExactMatrix(last["L"])
+    assert wirtinger.analyse(plant, L, Exact(last["period"])) is not None
+    rates = [float(p["rate"]) for p in design.details["curve"]["any_gain"]]
+    assert rates == sorted(rates, reverse=True)
+    claim = check.claim("period_max_any_gain.wirtinger")
+    assert claim.status == "proved"
+    assert card.envelope(plant, design, check)["rate"] > 0
+    # Another gain's certificate proves nothing of the design's own, and nothing where it is damaged.
+    other = next(c for c in design.certificates if "L" in c.data)
+    for data in ({**other.data, "L": [["5"], ["5"]]}, {**other.data, "L": "x"}, {**other.data, "L": [["1"]]}):
+        damaged = replace(design, certificates=tuple(replace(c, data=data) if c is other else c for c in design.certificates))
+        assert card.certify(plant, damaged, 0).bounds["period_max_any_gain"].proved == check.bounds["period_max"].proved
+    alone = replace(design, certificates=(other,))
+    assert card.certify(plant, alone, 0).claim("convergence").status != "proved"
+
+
+@pytest.mark.parametrize("objective", ["given_period", "max_period", "decay_rate"])
+def test_what_is_never_seen_is_refuted_at_once(objective, monkeypatch):
+    plant = linear_class([["0", "1"], ["0", "0"]], [["0", "1"]], {(1, 0): ("-0.3", "0.3")}, SamplingLaw.periodic(Exact("0.6")))
+    from cdobs_cli.families.lpv_zoh import synthesis
+
+    monkeypatch.setattr(synthesis, "search", None)  # nothing is looked for
+    for card in (family(objective=objective), family(objective=objective, gain={"L": [["1"], ["1"]]})):
+        design = card.synthesize(plant, 1)
+        check = card.certify(plant, design, 1)
+        convergence = check.claim("convergence")
+        assert convergence.status == check.verdict == "refuted"
+        assert convergence.witness.kind == "vector" and convergence.witness.about == "class"
+        assert convergence.witness.data["direction"] == ["1", "0"]
+        told = design.reason or check.claim("every_gain").statement
+        assert "x1" in told and "measure" in told
+        assert card.inclusion(plant, design.gain).gain["L"].shape == (2, 1)
+
+
+def test_pathological_sampling_is_refuted_for_every_gain():
+    plant = linear_class([["0", "1"], ["-1", "0"]], [["1", "0"]], {}, SamplingLaw.periodic(Exact("pi")))
+    for card in (family(), family(gain={"L": [["0.5"], ["0.1"]]})):
+        check = card.certify(plant, card.synthesize(plant, 0), 0)
+        assert check.verdict == "refuted"
+        witness = check.claim("convergence").witness
+        assert (witness.kind, witness.about, witness.times, witness.data["direction"]) == ("vector", "plant", ("pi",), ["0", "1"])
+    nearby = replace(plant, sampling=SamplingLaw.periodic(Exact("3")))
+    assert family().certify(nearby, family(gain={"L": [["0.2"], ["0.1"]]}).synthesize(nearby, 0), 0).claim("every_gain") is None
+
+
+def test_two_held_outputs_of_a_linear_plant():
+    plant = linear_class([["-2", "0"], ["0", "-0.9"]], [["1", "0"], ["0", "1"]], {}, up_to("1"))
+    card = family(gain={"L": [["1", "0"], ["1", "1"]]})
+    check = card.certify(plant, card.synthesize(plant, 0), 0)
+    bound = check.bounds["period_max"]
+    assert check.verdict == "proved"
+    assert 3.25 < float(bound.proved) < float(bound.refuted) < 3.28
+    assert check.bounds["period_max_any_gain"].proved == bound.proved
+    rate = check.bounds["decay_rate"]
+    assert 0.98 * float(rate.refuted) < float(rate.proved) < float(rate.refuted)
+
+
+def test_a_held_dead_beat_has_no_finite_rate():
+    plant = linear_class([["0"]], [["1"]], {}, SamplingLaw.periodic(Exact("0.5")))
+    card = family(gain={"L": [["2"]]})
+    check = card.certify(plant, card.synthesize(plant, 0), 0)
+    assert check.verdict == "proved"
+    assert check.bounds["decay_rate"].proved == check.claim("convergence").margin == "inf"
