@@ -88,13 +88,15 @@ def _power(value: Expression, exponent: Fraction) -> Expression | None:
 
 def _undone(generator: Expression, value: Expression, name: str, nonnegative: Collection[str]) -> Expression | None:
     """The variable from generator = value."""
-    found: Expression | None = None
-    if isinstance(generator, Power):
-        found = _power(value, 1 / generator.exponent)
-    elif isinstance(generator, Call) and generator.function in _INVERSES:
-        found = call(_INVERSES[generator.function], value)
-    inner = generator.children[0] if generator.children else generator
-    return found if found is None or inner == Variable(name) else _isolated(inner - found, name, nonnegative)
+    match generator:
+        case Power():
+            undone = _power(value, 1 / generator.exponent)
+        case Call() if generator.function in _INVERSES:
+            undone = call(_INVERSES[generator.function], value)
+        case _:
+            return None
+    (inner,) = generator.children
+    return undone if undone is None or inner == Variable(name) else _isolated(inner - undone, name, nonnegative)
 
 
 def substituted(expressions: Sequence[Expression], values: Mapping[str, Expression]) -> tuple[Expression, ...]:
