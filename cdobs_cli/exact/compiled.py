@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any
 
 from cdobs_cli.exact.expression import Call, Constant, Expression, Number, Power, Variable
 from cdobs_cli.exact.language import LANGUAGE
 
 
+@cache
 def _table(*, arrays: bool) -> dict[str, Any]:
     """The functions that code may call: of floats, or numpy's."""
     if not arrays:

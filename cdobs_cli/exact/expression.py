@@ -317,7 +317,7 @@ _ARITHMETIC: dict[str, Callable[[Expression, Expression], Expression]] = {
 
 def typed_product(a: Expression, b: Expression) -> Expression:
     """a b, not folded where that would hide a variable: definedness is judged on the typed tree."""
-    return Call("multiply", (a, b)) if a.variables or b.variables else a * b
+    return Call("multiply", (a, b)) if ZERO in (a, b) and (a.variables or b.variables) else a * b
 
 
 def plain_decimal(value: Decimal) -> str:

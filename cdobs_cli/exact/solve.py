@@ -7,6 +7,7 @@ from fractions import Fraction
 
 from cdobs_cli.exact.expression import ZERO, Call, Expression, ExpressionError, Number, Power, Variable, call, power
 from cdobs_cli.exact.language import LANGUAGE
+from cdobs_cli.exact.parser import MAX_EXPONENT
 from cdobs_cli.exact.rational import TooLargeError, quotients, simplify
 
 # f(x) = v gives x = g(v), where g undoes f.
@@ -73,22 +74,29 @@ def _isolated(equation: Expression, name: str, nonnegative: Collection[str]) -> 
             return None
         if isinstance(generator, Power):
             # The generator is a root of the variable: (v^(1/q))^k = v^(k/q).
-            return power(value, 1 / (generator.exponent * degrees[0])) if generator.base == Variable(name) else None
+            return _power(value, 1 / (generator.exponent * degrees[0])) if generator.base == Variable(name) else None
         value = power(value, Fraction(1, degrees[0]))
     if generator == Variable(name):
         return value
     return _undone(generator, value, name, nonnegative)
 
 
+def _power(value: Expression, exponent: Fraction) -> Expression | None:
+    """value ** exponent, where a spec could type it."""
+    return power(value, exponent) if abs(exponent) <= MAX_EXPONENT else None
+
+
 def _undone(generator: Expression, value: Expression, name: str, nonnegative: Collection[str]) -> Expression | None:
     """The variable from generator = value."""
-    if isinstance(generator, Power):
-        inner, value = generator.base, power(value, 1 / generator.exponent)
-    elif isinstance(generator, Call) and generator.function in _INVERSES:
-        inner, value = generator.children[0], call(_INVERSES[generator.function], value)
-    else:
-        return None
-    return value if inner == Variable(name) else _isolated(inner - value, name, nonnegative)
+    match generator:
+        case Power():
+            undone = _power(value, 1 / generator.exponent)
+        case Call() if generator.function in _INVERSES:
+            undone = call(_INVERSES[generator.function], value)
+        case _:
+            return None
+    (inner,) = generator.children
+    return undone if undone is None or inner == Variable(name) else _isolated(inner - undone, name, nonnegative)
 
 
 def substituted(expressions: Sequence[Expression], values: Mapping[str, Expression]) -> tuple[Expression, ...]:

@@ -17,6 +17,8 @@ from cdobs_cli.exact.expression import Expression, ExpressionError, Number, call
 from cdobs_cli.exact.functions import BALL_FUNCTIONS
 from cdobs_cli.exact.language import LANGUAGE, Function
 from cdobs_cli.exact.parser import parse
+from cdobs_cli.exact.rational import simplify
+from cdobs_cli.exact.solve import solve
 
 NAMES = frozenset({"x", "y"})
 
@@ -92,6 +94,19 @@ def test_what_is_short_for_something(text: str, same: str) -> None:
 
 def test_a_macro_hides_no_variable() -> None:
     assert parse("contois(x, 0, 1/y)", NAMES).variables == NAMES
+
+
+@pytest.mark.parametrize(
+    ("typed", "solution"),
+    [
+        ("x**0.37", "z**(100/37)"), ("atan(2*x)", "tan(z)/2"), ("asin(x)", "sin(z)"), ("log10(x)", None),
+        ("x**0.01", None), ("(x + 1)**0.01", None),  # z**100 is no power that may be typed
+    ],
+)  # fmt: skip
+def test_equations_solved_by_elimination(typed: str, solution: str | None) -> None:
+    names = frozenset({"x", "z"})
+    found = solve([parse(f"z - {typed}", names)], ["x"])
+    assert found == (None if solution is None else {"x": simplify(parse(solution, names))})
 
 
 @pytest.mark.parametrize("function", [one for one in LANGUAGE.values() if one.values], ids=lambda one: one.name)
