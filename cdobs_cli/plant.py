@@ -22,6 +22,11 @@ class Interval:
     lower: Exact | None
     upper: Exact | None
 
+    def __str__(self) -> str:
+        """`[0, 1]`, `[-inf, 1]`."""
+        low = "-inf" if self.lower is None else str(self.lower)
+        return f"[{low}, {'inf' if self.upper is None else self.upper}]"
+
 
 @dataclass(frozen=True)
 class Box:
@@ -55,11 +60,7 @@ class Domain:
     @property
     def text(self) -> str:
         """In a sentence's words: `x in [0, 1], 1 - (x + y) >= 0`."""
-        parts = []
-        for name, interval in self.box.items():
-            low = "-inf" if interval.lower is None else str(interval.lower)
-            high = "inf" if interval.upper is None else str(interval.upper)
-            parts.append(f"{name} in [{low}, {high}]")
+        parts = [f"{name} in {interval}" for name, interval in self.box.items()]
         return ", ".join((*parts, *(f"{w} >= 0" for w in self.where)))
 
 

@@ -13,7 +13,7 @@ Otherwise it is `open`, and nothing is proved of the observer.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any, Literal
@@ -26,7 +26,7 @@ from cdobs_cli.bounds.region import Region
 from cdobs_cli.bounds.slopes import decide
 from cdobs_cli.certificate import Claim, Status
 from cdobs_cli.design import Confinement
-from cdobs_cli.exact.expression import ZERO
+from cdobs_cli.exact.expression import ZERO, Expression
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, upper_text
 from cdobs_cli.plant import Box, Domain, Interval, Plant
 
@@ -90,30 +90,33 @@ def _within(values: Any, low: Exact, high: Exact) -> bool:
 
 def _slopes_hold(plant: Plant) -> bool:
     """Whether phi is defined and its slopes are proved all over the domain."""
-    region = Region.of(plant)
-    for i, phi in enumerate(plant.phi):
-        if any(True for _ in conditions(phi)) and defined(phi, region).status != "proved":
-            return False
-        for j, name in enumerate(plant.states):
-            slope = phi.derivative(name)
-            if slope != ZERO and decide(slope, plant.slopes.lower[i, j], plant.slopes.upper[i, j], region).status != "proved":
-                return False
-    return True
+    bounds = ((slope, plant.slopes.lower[at], plant.slopes.upper[at]) for at, slope in _varying(plant))
+    return _is_defined(plant) and all(_is_within(plant, *bound) for bound in bounds)
 
 
 def _zero_slopes_hold(plant: Plant) -> bool:
     """Whether phi is defined, and the slopes declared to be 0 are 0, all over the domain (the family proves the other
     ones there itself)."""
+    zeros = (slope for at, slope in _varying(plant) if at not in plant.slopes.entries)
+    return _is_defined(plant) and all(_is_within(plant, slope, EXACT_ZERO, EXACT_ZERO) for slope in zeros)
+
+
+def _is_defined(plant: Plant) -> bool:
     region = Region.of(plant)
+    return all(defined(phi, region).status == "proved" for phi in plant.phi if any(True for _ in conditions(phi)))
+
+
+def _varying(plant: Plant) -> Iterator[tuple[tuple[int, int], Expression]]:
+    """The slopes that are not identically 0, with their places."""
     for i, phi in enumerate(plant.phi):
-        if any(True for _ in conditions(phi)) and defined(phi, region).status != "proved":
-            return False
         for j, name in enumerate(plant.states):
             slope = phi.derivative(name)
-            declared_zero = slope != ZERO and (i, j) not in plant.slopes.entries
-            if declared_zero and decide(slope, EXACT_ZERO, EXACT_ZERO, region).status != "proved":
-                return False
-    return True
+            if slope != ZERO:
+                yield (i, j), slope
+
+
+def _is_within(plant: Plant, slope: Expression, low: Exact, high: Exact) -> bool:
+    return decide(slope, low, high, Region.of(plant)).status == "proved"
 
 
 def _margin_for(plant: Plant, transients: Sequence[Transient], start: Box) -> Confinement | None:

@@ -62,11 +62,7 @@ class Region:
 
     def text(self) -> str:
         """The region in a sentence's words."""
-        parts = []
-        for name, interval in self.ends.items():
-            low = "-inf" if interval.lower is None else str(interval.lower)
-            high = "inf" if interval.upper is None else str(interval.upper)
-            parts.append(f"{name} in [{low}, {high}]")
+        parts = [f"{name} in {interval}" for name, interval in self.ends.items()]
         parts += [f"{w} >= 0" for w in self.where]
         free = [name for name in self.box if name not in self.ends]
         if free:
