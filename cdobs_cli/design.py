@@ -31,7 +31,7 @@ class SolverRecord:
 
 @dataclass(frozen=True)
 class Confinement:
-    """How the estimate is kept where the slopes hold (`certify.estimate` says what each way means).
+    """How the estimate is kept where the slopes hold (`bounds.estimate` says what each way means).
 
     margin: by state, how far beyond the domain the estimate may go; start: the ends of each component of
     x_hat(0) - x(0) for which it goes no further. Decimals; both empty where the way is not `margin`.

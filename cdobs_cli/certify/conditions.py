@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from cdobs_cli.certificate import Bound, Check, Claim
 from cdobs_cli.design import Confinement
-from cdobs_cli.exact.numbers import text_below
+from cdobs_cli.exact.numbers import Exact, text_below
 from cdobs_cli.plant import Domain, Plant
 from cdobs_cli.sampling import SamplingLaw
 
@@ -67,10 +67,15 @@ def proved_of_the_plant(check: Check, law: SamplingLaw, confinement: Confinement
         if not stands and head in (*_PERIODS, *_CONSEQUENCES):
             bound = replace(bound, proved=None)
         elif confinement.way == "margin" and head in _PERIODS and bound.proved is not None:
-            bound = replace(bound, proved=None if method else min(bound.proved, text_below(law.T_max), key=float))
+            bound = replace(bound, proved=None if method else _at_most(bound.proved, law))
         if bound.proved is not None or bound.refuted is not None:
             kept[name] = bound
     return kept
+
+
+def _at_most(proved: str, law: SamplingLaw) -> str:
+    """The proved end, not beyond the law's own period."""
+    return proved if proved != "inf" and Exact(proved).is_at_most(law.T_max) else text_below(law.T_max)
 
 
 def _unknown(plant: Plant) -> str:

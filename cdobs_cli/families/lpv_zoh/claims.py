@@ -16,7 +16,7 @@ from cdobs_cli.certify.falsify import refute
 from cdobs_cli.certify.unseen import Unseen, unseen
 from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ExpressionError
-from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text, upper_text
+from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text, text_below, upper_text
 from cdobs_cli.families.lpv_zoh import any_gain, printed, printed_search, repaired, wirtinger
 from cdobs_cli.families.lpv_zoh.laws import DOWN_TO_ZERO, at_period, covers
 from cdobs_cli.families.lpv_zoh.observer import inclusion
@@ -116,7 +116,7 @@ def certify(family: LpvZeroOrderHold, plant: Plant, design: Design, effort: int)
     claims += [_other_claim(proof) for proof in others]
     some = max((proof for proof in (*proofs, *others) if _usable(proof, plant)), key=lambda proof: float(proof.T), default=None)
     if any_bound is not None or some is not None or "period_max" in bounds:
-        best = _below(some.T) if some is not None else None
+        best = text_below(some.T) if some is not None else None
         refuted, about = (any_bound.refuted, any_bound.about) if any_bound is not None else (None, "class")
         bounds["period_max_any_gain"] = Bound(best, refuted, method=any_gain.METHOD if refuted else None, about=about)
     printed_claims, printed_bounds = _printed(family, plant, design, L)
@@ -200,11 +200,11 @@ def _bounds(plant: Plant, L: ExactMatrix, proofs: list[Proved], effort: int) -> 
     upper = _above(refuted[0]) if refuted else None
     bounds: dict[str, Bound] = {}
     if best is not None or upper is not None:
-        bounds["period_max"] = Bound(_below(best.T) if best else None, upper, method=best.family if best else None, about="class")
+        bounds["period_max"] = Bound(text_below(best.T) if best else None, upper, method=best.family if best else None, about="class")
     for method in METHODS:
         rung = longest([proof for proof in proofs if proof.family == method and _usable(proof, plant)])
         if rung is not None:
-            bounds[f"period_max.{method}"] = Bound(_below(rung.T), upper, method=method, about="class")
+            bounds[f"period_max.{method}"] = Bound(text_below(rung.T), upper, method=method, about="class")
     covering = [proof for proof in proofs if covers(proof.certificate, plant.sampling)]
     fastest = max(covering, key=lambda proof: float(proof.rate.mid()), default=None)
     slowest = slowest_constant_slope(plant, L)
@@ -215,11 +215,6 @@ def _bounds(plant: Plant, L: ExactMatrix, proofs: list[Proved], effort: int) -> 
             unit="1/s", method=fastest.family if fastest is not None else None, about="class",
         )  # fmt: skip
     return bounds
-
-
-def _below(T: Exact) -> str:
-    """A decimal not above T: T itself where it is one."""
-    return lower_text(T.ball()) if T.rational is None or "/" in str(T) else str(T)
 
 
 def _above(T: Exact) -> str:

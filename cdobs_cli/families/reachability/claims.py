@@ -19,7 +19,7 @@ from cdobs_cli.certify.unseen import Unseen, unseen
 from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.functions import fraction_ball
-from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text, upper_text
+from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text, text_below, upper_text
 from cdobs_cli.families.reachability.continuous import REFERENCE, proves_reference
 from cdobs_cli.families.reachability.escape import escapes
 from cdobs_cli.families.reachability.observer import inclusion
@@ -284,7 +284,7 @@ def _bounds(family: Reachability, plant: Plant, K: ExactMatrix, judged: list[Jud
         best = _longest([item for item in own if item.method == method])
         tried = {METHOD: law.is_periodic, CLOCK: all(item.method != PLANAR for item in own), PLANAR: False}[method]
         if best is not None or family.method == method or (family.method == "best" and tried):
-            bounds[f"period_max.{method}"] = Bound(None if best is None else _T(best), None, "s", method, about)
+            bounds[f"period_max.{method}"] = Bound(None if best is None else text_below(best.T), None, "s", method, about)
     best = _longest(own)
     if any(item.method == DEAD_BEAT for item in own) and dead_beat.resets(_closed(plant, K, law)):
         for name in ("period_max", "period_max_any_gain"):
@@ -292,10 +292,10 @@ def _bounds(family: Reachability, plant: Plant, K: ExactMatrix, judged: list[Jud
     else:
         failing = smallest_refuted(lambda T: _closed(plant, K, law.with_period(T)), None if best is None else best.T, effort)
         refuted = None if failing is None else str(failing[0])
-        bounds["period_max"] = Bound(None if best is None else _T(best), refuted, "s", best.method if best else None, about)
+        bounds["period_max"] = Bound(None if best is None else text_below(best.T), refuted, "s", best.method if best else None, about)
         any_gain = _longest(proved)
         if any_gain is not None:
-            bounds["period_max_any_gain"] = Bound(_T(any_gain), None, "s", any_gain.method, "some gain")
+            bounds["period_max_any_gain"] = Bound(text_below(any_gain.T), None, "s", any_gain.method, "some gain")
     here = [item for item in own if item.certificate.sampling == law]
     here = [item for item in here if item.rate > 0]
     if here:
@@ -337,10 +337,6 @@ def _interval_claims(closed: HybridInclusion) -> list[Claim]:
 
 def _longest(items: list[Judged]) -> Judged | None:
     return max(items, key=lambda item: float(item.T), default=None)
-
-
-def _T(item: Judged) -> str:
-    return lower_text(item.T.ball(), 12) if item.T.rational is None else str(item.T)
 
 
 def envelope(plant: Plant, design: Design, check: Check) -> Mapping[str, Any] | None:
