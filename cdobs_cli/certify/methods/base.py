@@ -1,0 +1,204 @@
+"""The second seam: a proof method is an object that is its own certificate.
+
+A method proposes itself for a question (`propose`, the only place that may load the solver), is written into
+design.json and read from it, and proves itself again from what is written (`prove`).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+
+from flint import arb
+
+from cdobs_cli.certificate import Certificate, Claim
+from cdobs_cli.certify import search
+from cdobs_cli.codec import read_fields
+from cdobs_cli.exact.expression import ExpressionError
+from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text
+from cdobs_cli.hybrid import HybridInclusion
+from cdobs_cli.plant import Plant
+from cdobs_cli.sampling import SamplingLaw
+
+if TYPE_CHECKING:
+    from cdobs_cli.certify.levels import Level
+
+# What the data of a certificate that nobody wrote come to.
+UNREADABLE = (KeyError, TypeError, ValueError, IndexError, ExpressionError, ZeroDivisionError, OverflowError)
+# Which question a method answers: do errors decay, at a rate; or does every gain fail.
+Reach = Literal["convergence", "no gain"]
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a method is asked: do the errors of this inclusion decay under its sampling law, at this rate at least?
+
+    rate: sigma >= 0, per time unit. effort: 0..3, how hard a search looks. card: the observer block, for methods
+    that read an option of it. memory: what a search keeps from one period or gain to the next; never evidence.
+    """
+
+    inclusion: HybridInclusion
+    rate: Fraction = Fraction(0)
+    effort: int = 1
+    card: Any = None
+    memory: dict[Any, Any] = field(default_factory=dict, compare=False, repr=False)
+
+    @property
+    def law(self) -> SamplingLaw:
+        return self.inclusion.sampling
+
+    @property
+    def plant(self) -> Plant:
+        """The plant under the law asked about."""
+        return self.inclusion.plant
+
+    @property
+    def level(self) -> int:
+        """The effort, within the schedule."""
+        return max(0, min(self.effort, 3))
+
+    def gain(self, letter: str) -> ExactMatrix:
+        """A gain by its paper letter. Raises: KeyError."""
+        matrix: ExactMatrix = self.inclusion.gain[letter]
+        return matrix
+
+    def under(self, law: SamplingLaw) -> Question:
+        """The same question under another sampling law."""
+        plant = replace(self.plant, sampling=law)
+        return replace(self, inclusion=replace(self.inclusion, plant=plant, sampling=law))
+
+    def at(self, T: Exact) -> Question:
+        """The same question with the law's period (or largest period) replaced."""
+        return self.under(self.law.with_period(T))
+
+    def with_gain(self, gain: Mapping[str, ExactMatrix]) -> Question:
+        """The same question about another gain."""
+        return replace(self, inclusion=replace(self.inclusion, gain=gain))
+
+    def with_rate(self, sigma: Fraction) -> Question:
+        return replace(self, rate=sigma)
+
+    def with_effort(self, effort: int) -> Question:
+        return replace(self, effort=effort)
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What a method proves of a question: whether its claim holds, at which rate |e| then decays at least (infinite
+    for a dead beat), and with which margin of its inequalities, where one is known."""
+
+    holds: bool
+    rate: arb = arb(0)
+    margin: Fraction | None = None
+
+    @staticmethod
+    def of(holds: bool, sigma: Any = 0, margin: Fraction | None = None) -> Proof:
+        """The proof at rate sigma (a Fraction or ball), or none."""
+        return Proof(True, arb(_number(sigma)), margin) if holds else NOTHING
+
+
+def _number(sigma: Any) -> Any:
+    from cdobs_cli.exact.functions import fraction_ball
+
+    return fraction_ball(sigma) if isinstance(sigma, Fraction) else sigma
+
+
+NOTHING = Proof(False)
+
+
+@dataclass(frozen=True)
+class Method(ABC):
+    """A certificate. Subclasses are frozen dataclasses of decimal strings and lists of them, as design.json holds
+    them; `law` is the sampling law that it is for.
+
+    name: how it is stored. rung: its line in the ladder of methods. source: whose theorem. how: how it is proved.
+    """
+
+    law: SamplingLaw
+
+    name: ClassVar[str]
+    rung: ClassVar[str]
+    source: ClassVar[str]
+    how: ClassVar[str]
+    reach: ClassVar[Reach] = "convergence"
+
+    @classmethod
+    def applies(cls, question: Question) -> bool:
+        """Whether the method takes this error system and law at all (quick)."""
+        return True
+
+    @classmethod
+    @abstractmethod
+    def propose(cls, question: Question) -> Self | None:
+        """A certificate for the question's gain, law and rate that is proved already; None where none was found."""
+
+    @abstractmethod
+    def _prove(self, question: Question) -> Proof:
+        """`prove` under the method's own law. Raises anything of UNREADABLE on data that nobody wrote."""
+
+    def prove(self, question: Question) -> Proof:
+        """What holds of the question's plant and gain under the method's own law. Loads no solver."""
+        try:
+            return self._prove(question.under(self.law))
+        except UNREADABLE:
+            return NOTHING
+
+    @classmethod
+    def longest(cls, question: Question) -> Self | None:
+        """The certificate of the longest period found for the question's gain, looked for from its own period."""
+        return search.longest(lambda T: cls.propose(question.at(T)), question.law.T_max, search.tolerance(question.effort))
+
+    @property
+    def covers(self) -> SamplingLaw:
+        """The largest law that the certificate speaks about."""
+        return self.law
+
+    @property
+    def statement(self) -> str:
+        """What it says, without the law."""
+        return "The error converges"
+
+    def claims(self, question: Question, proof: Proof) -> list[Claim]:
+        """The claims about a certificate of the design's own gain and law; the first is what `convergence` rests on."""
+        margin = lower_text(proof.rate, 6) if proof.holds and proof.rate > 0 else None
+        statement = f"{self.statement}, sampling {self.covers.words}."
+        status: Any = "proved" if proof.holds else "undecided"
+        return [Claim(self.rung, "certificate", status, statement, self.source, margin=margin, method=self.how)]
+
+    def level(self, question: Question) -> Level | None:
+        """The level sets of its function, proved again; None where it has none."""
+        return None
+
+    def factor(self, question: Question) -> float | None:
+        """c with |e(t)| <= c |e(0)| exp(-rate t) of a proved certificate; None where none is known."""
+        return None
+
+    def certificate(self, gain: Mapping[str, ExactMatrix] | None = None) -> Certificate:
+        """As design.json holds it; `gain` where it is about another gain than the design's."""
+        data = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "law"}
+        texts = {letter: matrix.texts() for letter, matrix in (gain or {}).items()}
+        return Certificate(self.name, self.law, {name: value for name, value in data.items() if value is not None} | texts)
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A certificate of a design, read: the method, and the gain that it is about where that is another one."""
+
+    method: Method
+    gain: Mapping[str, ExactMatrix] | None
+
+
+def read(certificate: Certificate, methods: Iterable[type[Method]], letters: Iterable[str] = ()) -> Stored | None:
+    """The method that wrote a certificate, of those given; None where none of them did."""
+    kind = next((method for method in methods if method.name == certificate.method), None)
+    if kind is None:
+        return None
+    data = dict(certificate.data)
+    try:
+        gain = {letter: ExactMatrix(data.pop(letter)) for letter in letters if letter in data}
+        return Stored(read_fields(kind, {**data, "law": certificate.sampling.document()}), gain or None)
+    except UNREADABLE:
+        return None
