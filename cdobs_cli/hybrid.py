@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import product
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -68,13 +68,23 @@ class HybridInclusion:
     entries: tuple[tuple[int, int], ...]
 
     @property
+    def view_floats(self) -> PlantView[NDArray[np.float64]]:
+        """Plant and gain in floats."""
+        return PlantView.floats(self.plant, self.gain)
+
+    @property
+    def view_balls(self) -> PlantView[Matrix]:
+        """Plant and gain, rational where the data are rational, balls at the working precision otherwise."""
+        return PlantView.balls(self.plant, self.gain)
+
+    @property
     def floats(self) -> ErrorMaps[NDArray[np.float64]]:
-        return self.assemble(PlantView.floats(self.plant, self.gain))
+        return self.assemble(self.view_floats)
 
     @property
     def balls(self) -> ErrorMaps[Matrix]:
-        """Rational where the data are rational, balls at the working precision otherwise."""
-        return self.assemble(PlantView.balls(self.plant, self.gain))
+        """The maps in the arithmetic of `view_balls`."""
+        return self.assemble(self.view_balls)
 
 
 @dataclass(frozen=True)
@@ -89,6 +99,24 @@ class PlantView(Generic[M]):
     upper: tuple[Any, ...]
     entries: tuple[tuple[int, int], ...]
     unit: Callable[[int], M] = field(repr=False)
+
+    @property
+    def identity(self) -> M:
+        """I, shape (n, n)."""
+        columns: list[Any] = [self.unit(i) for i in range(self.A.shape[0])]  # type: ignore[attr-defined]
+        return sum((column @ column.T for column in columns[1:]), columns[0] @ columns[0].T)  # type: ignore[no-any-return]
+
+    def flow(self, v: Iterable[Any]) -> M:
+        """A + V at slope values v, in the order of `entries`."""
+        total: Any = self.A
+        for value, (i, j) in zip(v, self.entries, strict=True):
+            total = total + (self.unit(i) @ self.unit(j).T) * value  # type: ignore[attr-defined]
+        return total  # type: ignore[no-any-return]
+
+    @property
+    def vertices(self) -> list[M]:
+        """A + V at the 2^(number of uncertain entries) corners of the slope box."""
+        return [self.flow(v) for v in product(*zip(self.lower, self.upper, strict=True))]
 
     @staticmethod
     def floats(plant: Plant, gain: Mapping[str, Any]) -> PlantView[NDArray[np.float64]]:
@@ -111,17 +139,14 @@ class PlantView(Generic[M]):
     def balls(plant: Plant, gain: Mapping[str, Any]) -> PlantView[Matrix]:
         from cdobs_cli.exact.matrix import Matrix
 
-        def value(number: Any) -> Any:
-            return number.ball() if number.rational is None else number.rational
-
         entries = plant.slopes.uncertain
         identity = Matrix.identity(plant.n)
         return PlantView(
-            A=plant.A.balls() + Matrix.from_rows(_constant_slopes(plant.slopes, value)),
+            A=plant.A.balls() + Matrix.from_rows(_constant_slopes(plant.slopes, lambda value: value.scalar)),
             C=plant.C.balls(),
             gain={name: matrix.balls() for name, matrix in gain.items()},
-            lower=tuple(value(plant.slopes.lower[e]) for e in entries),
-            upper=tuple(value(plant.slopes.upper[e]) for e in entries),
+            lower=tuple(plant.slopes.lower[e].scalar for e in entries),
+            upper=tuple(plant.slopes.upper[e].scalar for e in entries),
             entries=entries,
             unit=lambda i: identity[:, i],
         )

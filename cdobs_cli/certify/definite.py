@@ -6,8 +6,13 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
+from flint import arb, fmpq
+
 from cdobs_cli.certificate import Status
 from cdobs_cli.exact.matrix import Matrix
+
+_TIGHT = Fraction(1, 10**10)
 
 
 @dataclass(frozen=True)
@@ -46,8 +51,6 @@ def positive_definite(M: Matrix) -> Definiteness:
 
     The float eigenvalue only suggests which margin to try; the pivots decide.
     """
-    import numpy as np
-
     if not all(value.is_finite() for row in M.balls().tolist() for value in row):
         return Definiteness("undecided", None)
     floats = M.floats
@@ -60,3 +63,30 @@ def positive_definite(M: Matrix) -> Definiteness:
             if has_positive_pivots(M - Matrix.identity(M.shape[0]) * margin):
                 return Definiteness("proved", margin)
     return Definiteness("proved", Fraction(0)) if has_positive_pivots(M) else Definiteness("undecided", None)
+
+
+@dataclass(frozen=True)
+class Range:
+    """A number between two proved ends."""
+
+    low: Any
+    high: Any
+
+
+def eigenvalue_range(M: Matrix, *, smallest: bool) -> Range:
+    """The smallest (largest) eigenvalue of a symmetric matrix between two proved ends: a Rayleigh quotient
+    on the inner side, the pivots of M - m I on the outer. Unbounded where nothing is proved."""
+    if not smallest:
+        mirrored = eigenvalue_range(-M, smallest=True)
+        return Range(-mirrored.high, -mirrored.low)
+    if not all(value.is_finite() for row in M.balls().tolist() for value in row):
+        return Range(arb("-inf"), arb("inf"))
+    values, vectors = np.linalg.eigh(M.floats)
+    v = Matrix.from_floats(vectors[:, [0]])
+    high = (v.T @ M @ v)[0, 0] / (v.T @ v)[0, 0]
+    size = Fraction(float(np.abs(values).max()) or 1.0)
+    for tolerance in (_TIGHT, _TIGHT * 10**4, Fraction(1, 10), Fraction(2)):
+        low = Fraction(float(values[0])) - tolerance * size
+        if has_positive_pivots(M - Matrix.identity(M.shape[0]) * low):
+            return Range(fmpq(low.numerator, low.denominator), high)
+    return Range(arb("-inf"), high)

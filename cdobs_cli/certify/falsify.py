@@ -17,6 +17,7 @@ from fractions import Fraction
 from itertools import islice, product
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from flint import arb
 
 from cdobs_cli.certificate import Witness
@@ -30,7 +31,6 @@ from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
@@ -85,8 +85,6 @@ def refute(inclusion: HybridInclusion, effort: int) -> Witness | None:
     periods the law contains; words of mixed periods for a linear loop; and from effort 1 on V(t) that switch
     between corners, over words of several periods.
     """
-    import numpy as np
-
     with np.errstate(all="ignore"):
         for words in (_unseen_words, _constant_words, _period_words, _switching_words):
             for word in words(inclusion, effort):
@@ -124,13 +122,9 @@ def monodromy(maps: ErrorMaps[Matrix], word: Word) -> Matrix:
     total = Matrix.identity(maps.base.shape[0])
     for period in word.periods:
         for arc in period:
-            total = maps.flow(tuple(_scalar(value) for value in arc.values)).exp(_scalar(arc.length)) @ total
+            total = maps.flow(tuple(value.scalar for value in arc.values)).exp(arc.length.scalar) @ total
         total = maps.jump @ total
     return total
-
-
-def _scalar(value: Exact) -> Any:
-    return value.ball() if value.rational is None else value.rational
 
 
 def _admissible(inclusion: HybridInclusion, period: tuple[Arc, ...]) -> bool:
@@ -157,15 +151,15 @@ def leaves_unseen(inclusion: HybridInclusion, values: tuple[Exact, ...]) -> bool
     and no sampling law helps. Exact, for rational data: A + V on the unobservable subspace is not Hurwitz, and
     flow and jump keep that subspace."""
     maps, C = inclusion.balls, inclusion.plant.C.balls()
-    F = maps.flow(tuple(_scalar(value) for value in values))
+    F = maps.flow(tuple(value.scalar for value in values))
     A = inclusion.plant.A.balls()
     if not (F.is_rational and maps.jump.is_rational and C.is_rational and A.is_rational):
         return False
     for (i, j), value in zip(inclusion.entries, values, strict=True):
-        A = A + _unit_matrix(A.shape[0], i, j) * _scalar(value)
+        A = A + _unit_matrix(A.shape[0], i, j) * value.scalar
     for i, j in inclusion.plant.slopes.entries:
         if (i, j) not in inclusion.entries:
-            A = A + _unit_matrix(A.shape[0], i, j) * _scalar(inclusion.plant.slopes.lower[i, j])
+            A = A + _unit_matrix(A.shape[0], i, j) * inclusion.plant.slopes.lower[i, j].scalar
     basis = unobservable_subspace(A, C)
     if basis is None:
         return False
@@ -247,8 +241,6 @@ def _period_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
 
 def _constant_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
     """Constant corners, the most unstable in floats first, at each period worth a try."""
-    import numpy as np
-
     maps = inclusion.floats
     corners = list(candidate_corners(inclusion))
     if not _finite(maps):
@@ -281,8 +273,6 @@ def candidate_periods(law: SamplingLaw, effort: int) -> list[Exact]:
 def candidate_corners(inclusion: HybridInclusion) -> Iterator[tuple[bool, ...]]:
     """Corners of the slope box (True: upper end): all of them while few, else those with one or two
     sign patterns by rows, and an ascent of the spectral radius from them."""
-    import numpy as np
-
     count = len(inclusion.entries)
     if count <= _ALL_CORNERS:
         yield from product((False, True), repeat=count)
@@ -318,7 +308,25 @@ def _floats(inclusion: HybridInclusion, corner: tuple[bool, ...]) -> tuple[float
 
 
 def _finite(maps: ErrorMaps[Any]) -> bool:
-    import numpy as np
-
     parts = (maps.base, maps.jump, *maps.left, *maps.right, np.array(maps.lower), np.array(maps.upper))
     return all(bool(np.all(np.isfinite(part))) for part in parts)
+
+
+def slowest_decay(inclusion: HybridInclusion) -> arb | None:
+    """A rate that the error certainly does not exceed: -ln(rho) / T of the sampled error at the worst corner of the
+    slope box, at the largest period; None where no corner gives one (or the loop is unstable there)."""
+    T, slopes = inclusion.sampling.T_max, inclusion.plant.slopes
+    maps, exact = inclusion.floats, inclusion.balls
+    corners = [
+        tuple((slopes.upper if up else slopes.lower)[entry] for up, entry in zip(corner, inclusion.entries, strict=True))
+        for corner in candidate_corners(inclusion)
+    ]
+    flows = np.array([maps.flow(tuple(float(v) for v in corner)) for corner in corners])
+    if not np.all(np.isfinite(flows)):
+        return None
+    worst = int(np.argmax(spectral_radii(maps.jump @ exponentials(flows * float(T)))))
+    Phi = exact.flow(tuple(v.scalar for v in corners[worst])).exp(T.scalar)
+    rho = spectral_radius_lower(exact.jump @ Phi)
+    if not 0 < rho < 1:
+        return None
+    return -rho.log() / T.ball()

@@ -40,7 +40,7 @@ def stable_intervals(inclusion: HybridInclusion, shortest: float, longest: float
     """
     import numpy as np
 
-    from cdobs_cli.certify.falsify import exponentials, spectral_radii
+    from cdobs_cli.certify.floats import exponentials, spectral_radii
 
     maps = inclusion.floats
     if not is_linear(inclusion) or not 0 < shortest < longest or not np.all(np.isfinite(maps.base)):

@@ -7,10 +7,11 @@ lies between two tested numbers stays open.
 from __future__ import annotations
 
 from collections.abc import Callable
+from decimal import ROUND_FLOOR, Context, Decimal
 from fractions import Fraction
 from typing import TypeVar
 
-from cdobs_cli.exact.numbers import Exact, decimal_text
+from cdobs_cli.exact.numbers import Exact, decimal_text, plain_decimal
 
 T_ = TypeVar("T_")
 
@@ -31,6 +32,12 @@ def tolerance(effort: int, *, quick: bool = False) -> Fraction:
 def short(value: float, digits: int = _DIGITS) -> Exact:
     """A number as a short decimal."""
     return Exact(decimal_text(value, digits))
+
+
+def rounded_down(value: Fraction, digits: int) -> Exact:
+    """The largest decimal of so many digits that is not above the value."""
+    down = Context(prec=digits, rounding=ROUND_FLOOR).divide(Decimal(value.numerator), Decimal(value.denominator))
+    return Exact(plain_decimal(down))
 
 
 def longest(
@@ -139,4 +146,3 @@ def smallest(
         else:
             high, best = middle, (T, nearer)
     return best
-

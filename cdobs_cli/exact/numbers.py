@@ -47,6 +47,12 @@ class Exact:
         """Enclosure at the working precision of flint."""
         return self.expression.ball({})
 
+    @property
+    def scalar(self) -> Fraction | arb:
+        """The rational where it is one, else its ball: what exact matrices are multiplied with."""
+        rational = self.rational
+        return self.ball() if rational is None else rational
+
     def __float__(self) -> float:
         return float(self.expression.value) if isinstance(self.expression, Number) else float(self.ball().mid())
 

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 # What the data of a certificate that nobody wrote come to.
 UNREADABLE = (KeyError, TypeError, ValueError, IndexError, ExpressionError, ZeroDivisionError, OverflowError)
-# Which question a method answers: do errors decay, at a rate; or does every gain fail.
-Reach = Literal["convergence", "no gain"]
+# Which question a method answers: do errors decay, at a rate; does every gain fail; do a paper's conditions hold.
+Reach = Literal["convergence", "no gain", "printed conditions"]
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,10 @@ class Question:
         """The same question about another gain."""
         return replace(self, inclusion=replace(self.inclusion, gain=gain))
 
+    def afresh(self) -> Question:
+        """The same question with nothing remembered: what a search finds does not hang on what was asked before."""
+        return replace(self, memory={})
+
     def with_rate(self, sigma: Fraction) -> Question:
         return replace(self, rate=sigma)
 
@@ -91,7 +95,7 @@ class Proof:
     for a dead beat), and with which margin of its inequalities, where one is known."""
 
     holds: bool
-    rate: arb = arb(0)
+    rate: arb = field(default_factory=arb)
     margin: Fraction | None = None
 
     @staticmethod
@@ -115,6 +119,7 @@ class Method(ABC):
     them; `law` is the sampling law that it is for.
 
     name: how it is stored. rung: its line in the ladder of methods. source: whose theorem. how: how it is proved.
+    statement: what it says, without the law. exact: whether the best gain that it finds is the best there is.
     """
 
     law: SamplingLaw
@@ -123,7 +128,9 @@ class Method(ABC):
     rung: ClassVar[str]
     source: ClassVar[str]
     how: ClassVar[str]
+    statement: ClassVar[str] = "The error converges"
     reach: ClassVar[Reach] = "convergence"
+    exact: ClassVar[bool] = False
 
     @classmethod
     def applies(cls, question: Question) -> bool:
@@ -156,11 +163,6 @@ class Method(ABC):
         """The largest law that the certificate speaks about."""
         return self.law
 
-    @property
-    def statement(self) -> str:
-        """What it says, without the law."""
-        return "The error converges"
-
     def claims(self, question: Question, proof: Proof) -> list[Claim]:
         """The claims about a certificate of the design's own gain and law; the first is what `convergence` rests on."""
         margin = lower_text(proof.rate, 6) if proof.holds and proof.rate > 0 else None
@@ -174,6 +176,11 @@ class Method(ABC):
 
     def factor(self, question: Question) -> float | None:
         """c with |e(t)| <= c |e(0)| exp(-rate t) of a proved certificate; None where none is known."""
+        return None
+
+    def lost_by_every_gain(self, question: Question) -> tuple[Exact, str] | None:
+        """A period just above the method's own at which every gain is proved to fail, and the sentence that says how;
+        None where the method is not exact over all gains."""
         return None
 
     def certificate(self, gain: Mapping[str, ExactMatrix] | None = None) -> Certificate:

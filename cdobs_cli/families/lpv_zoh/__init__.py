@@ -14,12 +14,15 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from cdobs_cli.errors import Problem
-from cdobs_cli.families.base import Family
+from cdobs_cli.families.constant_gain import ConstantGain
 from cdobs_cli.fields import Rows
 
 if TYPE_CHECKING:
-    from cdobs_cli.bounds.estimate import Transient
-    from cdobs_cli.certificate import Check
+    from cdobs_cli.certificate import Bound, Certificate, Check, Claim
+    from cdobs_cli.certify.design import GainSearch
+    from cdobs_cli.certify.judge import Judgement
+    from cdobs_cli.certify.methods.base import Method, Question
+    from cdobs_cli.certify.methods.rung import Rung
     from cdobs_cli.chart import Exhibits
     from cdobs_cli.design import Confinement, Design
     from cdobs_cli.exact.numbers import ExactMatrix
@@ -47,10 +50,14 @@ class PrintedData(BaseModel):
     vertices: Annotated[tuple[Rows, ...], Field(min_length=1, max_length=256)] | None = None
 
 
-class LpvZeroOrderHold(Family):
+class LpvZeroOrderHold(ConstantGain):
     """`observer: {family: lpv_zoh, ..}`."""
 
     source: ClassVar[str] = "Boukal2020"
+    letter: ClassVar[str] = "L"
+    error_source: ClassVar[str] = "Boukal2020, (24)"
+    rate_share: ClassVar[float] = 0.002
+    with_rates: ClassVar[bool] = True
 
     family: Literal["lpv_zoh"] = "lpv_zoh"
     objective: Literal["given_period", "max_period", "decay_rate"] = "given_period"
@@ -64,35 +71,54 @@ class LpvZeroOrderHold(Family):
 
         return problems(self, plant)
 
-    def given(self) -> Mapping[str, ExactMatrix | None]:
-        return {"L": self.gain.L if self.gain else None}
+    def inclusion(self, plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
+        from cdobs_cli.families.lpv_zoh.observer import inclusion
 
-    def synthesize(self, plant: Plant, effort: int) -> Design:
-        from cdobs_cli.families.lpv_zoh.synthesis import synthesize
-
-        return synthesize(self, plant, effort)
-
-    def certify(self, plant: Plant, design: Design, effort: int) -> Check:
-        from cdobs_cli.families.lpv_zoh.claims import certify
-
-        return certify(self, plant, design, effort)
+        return inclusion(plant, gain)
 
     def observer(self, plant: Plant, design: Design) -> Observer:
         from cdobs_cli.families.lpv_zoh.observer import observer
 
         return observer(plant, design)
 
-    def inclusion(self, plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
-        from cdobs_cli.exact.numbers import ExactMatrix
-        from cdobs_cli.families.lpv_zoh.observer import inclusion
+    def methods(self) -> tuple[type[Method], ...]:
+        from cdobs_cli.certify.methods.any_gain import NoGain
+        from cdobs_cli.certify.methods.rung import GENERAL
+        from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger
+        from cdobs_cli.families.lpv_zoh.printed_search import PrintedTheorem1
+        from cdobs_cli.families.lpv_zoh.repaired import Repaired
 
-        # Without a design: what no gain helps against is seen without one.
-        return inclusion(plant, gain or {"L": ExactMatrix([[0] * plant.p for _ in range(plant.n)])})
+        return (Wirtinger, *GENERAL.methods, Repaired, PrintedTheorem1, NoGain)
 
-    def transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
-        from cdobs_cli.families.lpv_zoh.levels import levels
+    def rungs(self, question: Question) -> Sequence[Rung]:
+        from cdobs_cli.families.lpv_zoh.search_plan import rungs
 
-        return tuple(level.bounds for level in levels(plant, design))
+        return rungs(self, question)
+
+    def gain_searches(self, question: Question) -> Sequence[GainSearch]:
+        from cdobs_cli.families.lpv_zoh.gains import ClockGain, HeldGain, PeriodClimb
+        from cdobs_cli.families.lpv_zoh.search_plan import REPAIRED, THEOREM_1, clock_is_tried
+
+        if self.method in ("repaired", "theorem_1"):
+            return (PeriodClimb(REPAIRED if self.method == "repaired" else THEOREM_1, stiff=True),)
+        if self.method == "wirtinger" or (self.method == "best" and not clock_is_tried(question)):
+            return (HeldGain(),)
+        return (ClockGain(),)
+
+    def refuses(self, plant: Plant) -> str | None:
+        from cdobs_cli.families.lpv_zoh.search_plan import too_many_corners
+
+        return too_many_corners(plant)
+
+    def beyond(self, question: Question, own: Sequence[Method]) -> tuple[list[Certificate], dict[str, Any]]:
+        from cdobs_cli.families.lpv_zoh.search_plan import beyond
+
+        return beyond(self, question, own)
+
+    def claims_beside(self, judgement: Judgement) -> tuple[list[Claim], dict[str, Bound]]:
+        from cdobs_cli.families.lpv_zoh.printed_claims import printed_claims
+
+        return printed_claims(self, judgement.plant, judgement.design)
 
     def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:
         from cdobs_cli.bounds.estimate import confine
@@ -103,8 +129,3 @@ class LpvZeroOrderHold(Family):
         from cdobs_cli.families.lpv_zoh.exhibits import exhibits
 
         return exhibits(self, plant, design, check, run)
-
-    def envelope(self, plant: Plant, design: Design, check: Check) -> Mapping[str, Any] | None:
-        from cdobs_cli.families.lpv_zoh.envelope import envelope
-
-        return envelope(plant, design, check)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from cdobs_cli.certificate import Check
@@ -28,13 +29,13 @@ def exhibits(family: LpvZeroOrderHold, plant: Plant, design: Design, check: Chec
         return Exhibits()
     charts = [*_held_outputs(plant, run), *_curve(plant, design, check)]
     numbers = _numbers(family, plant, design)
-    return Exhibits(tuple(charts), (_radii(plant, design), *_ladder(check), *numbers), _NOTES if numbers else ())
+    return Exhibits(tuple(charts), (_radii(plant, design), *numbers), _NOTES if numbers else ())
 
 
 def _numbers(family: LpvZeroOrderHold, plant: Plant, design: Design) -> list[Table]:
     """What Theorem 1 and Remark 2 compute from the printed (P, Y) at the period of the law."""
-    from cdobs_cli.families.lpv_zoh.claims import printed_data
     from cdobs_cli.families.lpv_zoh.printed import evaluate, scalar
+    from cdobs_cli.families.lpv_zoh.printed_claims import printed_data
 
     tables = []
     for prefix, where, data in printed_data(family, plant, design):
@@ -113,10 +114,9 @@ def _radii(plant: Plant, design: Design) -> Table:
     """Spectral radii of the sampled error at constant slopes and the largest period."""
     import numpy as np
 
-    from cdobs_cli.certify.falsify import exponentials, spectral_radii
-    from cdobs_cli.families.lpv_zoh.laws import at_period
+    from cdobs_cli.certify.floats import exponentials, spectral_radii
 
-    system = inclusion(at_period(plant, design.sampling.T_max), design.gain)
+    system = inclusion(replace(plant, sampling=design.sampling), design.gain)
     maps = system.floats
     T = float(design.sampling.T_max)
     rows: list[tuple[Any, ...]] = []
@@ -130,18 +130,3 @@ def _radii(plant: Plant, design: Design) -> Table:
         "Computed in floating point: an illustration, not a proof.",
         ("slopes", "spectral radius"), tuple(rows),
     )  # fmt: skip
-
-
-def _ladder(check: Check | None) -> list[Table]:
-    """The period that each method proves for this gain."""
-    if check is None:
-        return []
-    rows = [
-        (name.removeprefix("period_max.") if "." in name else "best", bound)
-        for name, bound in check.bounds.items()
-        if name.split(".")[0] == "period_max"
-    ]
-    if not rows:
-        return []
-    caption = "The longest period proved for this gain by each method, and the shortest found to be defeated."
-    return [Table("ladder", "Ladder of methods", caption, ("method", "proved (s)", "refuted (s)"), tuple(rows))]

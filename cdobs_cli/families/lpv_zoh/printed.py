@@ -11,7 +11,7 @@ from typing import Any
 from flint import arb, fmpq
 
 from cdobs_cli.certificate import Bound, Claim, Status, Witness
-from cdobs_cli.certify.definite import has_positive_pivots, positive_definite
+from cdobs_cli.certify.definite import Range, eigenvalue_range, positive_definite
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text, upper_text
@@ -19,21 +19,12 @@ from cdobs_cli.families.lpv_zoh import theorems
 
 SOURCE = "Boukal2020, Theorem 1"
 _DOUBLINGS = 40
-_TIGHT = Fraction(1, 10**10)
 
 
 def scalar(number: Exact) -> Any:
     """A rational of flint where the number is rational, else its ball."""
     rational = number.rational
     return number.ball() if rational is None else fmpq(rational.numerator, rational.denominator)
-
-
-@dataclass(frozen=True)
-class Range:
-    """A number between two proved ends."""
-
-    low: Any
-    high: Any
 
 
 @dataclass(frozen=True)
@@ -84,27 +75,6 @@ def _least(values: list[arb]) -> arb:
     for value in values[1:]:
         least = least.min(value)
     return least
-
-
-def eigenvalue_range(M: Matrix, *, smallest: bool) -> Range:
-    """The smallest (largest) eigenvalue of a symmetric matrix between two proved ends: a Rayleigh quotient
-    on the inner side, the pivots of M - m I on the outer. Unbounded where nothing is proved."""
-    import numpy as np
-
-    if not smallest:
-        mirrored = eigenvalue_range(-M, smallest=True)
-        return Range(-mirrored.high, -mirrored.low)
-    if not all(value.is_finite() for row in M.balls().tolist() for value in row):
-        return Range(arb("-inf"), arb("inf"))
-    values, vectors = np.linalg.eigh(M.floats)
-    v = Matrix.from_floats(vectors[:, [0]])
-    high = (v.T @ M @ v)[0, 0] / (v.T @ v)[0, 0]
-    size = Fraction(float(np.abs(values).max()) or 1.0)
-    for tolerance in (_TIGHT, _TIGHT * 10**4, Fraction(1, 10), Fraction(2)):
-        low = Fraction(float(values[0])) - tolerance * size
-        if has_positive_pivots(M - Matrix.identity(M.shape[0]) * low):
-            return Range(fmpq(low.numerator, low.denominator), high)
-    return Range(arb("-inf"), high)
 
 
 @dataclass(frozen=True)

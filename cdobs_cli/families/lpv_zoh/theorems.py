@@ -9,7 +9,6 @@ the size the equation needs, in the same arithmetic.
 
 from __future__ import annotations
 
-from itertools import product
 from typing import Any, TypeAlias
 
 from cdobs_cli.exact.matrix import block, symmetric
@@ -29,14 +28,7 @@ def vertices_25(view: PlantView[Mat]) -> list[Mat]:
     Source: Boukal2020, (23), (25).
     Deviates: the paper takes 2^n corners; only the entries on which phi depends are needed.
     """
-    A: Any = view.A
-    corners = []
-    for v in product(*zip(view.lower, view.upper, strict=True)):
-        A_i = A
-        for value, (i, j) in zip(v, view.entries, strict=True):
-            A_i = A_i + (view.unit(i) @ view.unit(j).T) * value
-        corners.append(A_i)
-    return corners
+    return view.vertices
 
 
 def error_maps(view: PlantView[Mat]) -> ErrorMaps[Mat]:
@@ -168,45 +160,3 @@ def repaired_jump(P: Mat, C: Mat, L_1: Any, tau_max: Any, beta: Any) -> Mat:
     Deviates: the printed side condition compares eigenvalues, and the wrong ones.
     """
     return P * beta - (C.T @ C) * (2 * tau_max * tau_max * L_1 * L_1)
-
-
-def wirtinger(P: Mat, U: Mat, F_i: Mat, L: Mat, C: Mat, q: Any, sigma: Any, identity: Mat) -> Mat:
-    """Decay at rate sigma for every T_k <= tau_max: this matrix < 0 at each vertex, with P > 0, U > 0.
-
-        [[Sym(P F_i) + 2 sigma P, P L], [L' P, -U]] + q G_i' U G_i < 0,
-        G_i = [C F_i, C L + sigma I],    q = (2 tau_max / pi)^2
-
-    Proof: V = e'Pe + the integral over [t_k, t] of exp(-2 sigma (t - s)) (q |wdot + sigma w|_U^2 - |w|_U^2).
-    By Wirtinger's inequality for exp(sigma s) w, which is 0 at t_k, the integral is >= 0; a sample sets it
-    to 0; and this matrix makes Vdot + 2 sigma V < 0. So |e(t)| <= sqrt(cond P) exp(-sigma t) |e(0)|.
-    The matrix is convex in F_i: its sign at the vertices decides for the whole slope box.
-    Shapes: P, F_i (n, n); U, identity (p, p); L (n, p); C (p, n).
-    Source: LiuFridman2012, the functional; here with a slope box and a rate.
-    """
-    G = block([[C @ F_i, C @ L + identity * sigma]])
-    flow = block([[symmetric(P @ F_i) + P * (2 * sigma), P @ L], [(P @ L).T, -U]])
-    return flow + (G.T @ U @ G) * q
-
-
-def wirtinger_synthesis(P: Mat, S: Mat, Y: Mat, U: Mat, A_i: Mat, C: Mat, q: Any, epsilon: Any, sigma: Any) -> Mat:
-    """`wirtinger` with the gain free, L = S^-1 Y: this symmetric matrix < 0 at each vertex, for one epsilon > 0.
-
-    Rows (e, w, edot), from 2 (e + epsilon edot)' S (F_i e + L w - edot) = 0:
-
-        (1,1) Sym(S A_i - Y C) + 2 sigma P    (1,2) Y                    (1,3) P - S + epsilon (S A_i - Y C)'
-                                              (2,2) (q sigma^2 - 1) U    (2,3) epsilon Y' + q sigma U C
-                                                                         (3,3) -epsilon (S + S') + q C' U C
-
-    Shapes: P, S, A_i (n, n); Y (n, p); U (p, p); C (p, n). S need not be symmetric.
-    Source: LiuFridman2012, the functional; the gain freed by the descriptor method.
-    """
-    F = S @ A_i - Y @ C
-    coupling = P - S + F.T * epsilon
-    held = Y.T * epsilon + (U @ C) * (q * sigma)
-    return block(
-        [
-            [symmetric(F) + P * (2 * sigma), Y, coupling],
-            [Y.T, U * (q * sigma * sigma - 1), held],
-            [coupling.T, held.T, (C.T @ U @ C) * q - symmetric(S) * epsilon],
-        ]
-    )

@@ -14,12 +14,15 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
 
 from cdobs_cli.errors import Problem
-from cdobs_cli.families.base import Family
+from cdobs_cli.families.constant_gain import ConstantGain
 from cdobs_cli.fields import ExpressionInDelta, Rows
 
 if TYPE_CHECKING:
-    from cdobs_cli.bounds.estimate import Transient
-    from cdobs_cli.certificate import Check
+    from cdobs_cli.certificate import Bound, Certificate, Check, Claim
+    from cdobs_cli.certify.design import GainSearch
+    from cdobs_cli.certify.judge import Judgement
+    from cdobs_cli.certify.methods.base import Method, Question
+    from cdobs_cli.certify.methods.rung import Rung
     from cdobs_cli.chart import Exhibits
     from cdobs_cli.design import Confinement, Design
     from cdobs_cli.exact.numbers import ExactMatrix
@@ -61,10 +64,11 @@ TypedSet = Annotated[
 ]
 
 
-class Reachability(Family):
+class Reachability(ConstantGain):
     """`observer: {family: reachability, ..}`."""
 
     source: ClassVar[str] = "Dinh2014"
+    error_source: ClassVar[str] = "Dinh2014, (8), (10)"
 
     family: Literal["reachability"] = "reachability"
     objective: Literal["given_period", "max_period", "decay_rate"] = "given_period"
@@ -78,35 +82,52 @@ class Reachability(Family):
 
         return problems(self, plant)
 
-    def given(self) -> Mapping[str, ExactMatrix | None]:
-        return {"K": self.gain.K if self.gain else None}
+    def inclusion(self, plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
+        from cdobs_cli.families.reachability.observer import inclusion
 
-    def synthesize(self, plant: Plant, effort: int) -> Design:
-        from cdobs_cli.families.reachability.synthesis import synthesize
-
-        return synthesize(self, plant, effort)
-
-    def certify(self, plant: Plant, design: Design, effort: int) -> Check:
-        from cdobs_cli.families.reachability.claims import certify
-
-        return certify(self, plant, design, effort)
+        return inclusion(plant, gain)
 
     def observer(self, plant: Plant, design: Design) -> Observer:
         from cdobs_cli.families.reachability.observer import observer
 
         return observer(plant, design)
 
-    def inclusion(self, plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
-        from cdobs_cli.exact.numbers import ExactMatrix
-        from cdobs_cli.families.reachability.observer import inclusion
+    def methods(self) -> tuple[type[Method], ...]:
+        from cdobs_cli.certify.methods.planar.extremals import Planar
+        from cdobs_cli.certify.methods.rung import GENERAL
+        from cdobs_cli.families.reachability.certificate import ReachableSet
 
-        # Without a design: what no gain helps against is seen without one.
-        return inclusion(plant, gain or {"K": ExactMatrix([[0] * plant.p for _ in range(plant.n)])})
+        return (ReachableSet, *GENERAL.methods, Planar)
 
-    def transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
-        from cdobs_cli.families.reachability.levels import levels
+    def rungs(self, question: Question) -> Sequence[Rung]:
+        from cdobs_cli.families.reachability.search_plan import rungs
 
-        return tuple(level.bounds for level in levels(plant, design))
+        return rungs(self, question)
+
+    def gain_searches(self, question: Question) -> Sequence[GainSearch]:
+        from cdobs_cli.families.reachability.search_plan import gain_searches
+
+        return gain_searches(self, question)
+
+    def refuses(self, plant: Plant) -> str | None:
+        from cdobs_cli.families.reachability.detectability import undetectable
+
+        return undetectable(plant)
+
+    def why_nothing(self, question: Question) -> str:
+        from cdobs_cli.families.reachability.search_plan import why_nothing
+
+        return why_nothing(self, question)
+
+    def beyond(self, question: Question, own: Sequence[Method]) -> tuple[list[Certificate], dict[str, Any]]:
+        from cdobs_cli.families.reachability.search_plan import beyond
+
+        return beyond(self, question, own), {}
+
+    def claims_beside(self, judgement: Judgement) -> tuple[list[Claim], dict[str, Bound]]:
+        from cdobs_cli.families.reachability.beside import claims_beside
+
+        return claims_beside(self, judgement)
 
     def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:
         from cdobs_cli.bounds.estimate import confine
@@ -117,8 +138,3 @@ class Reachability(Family):
         from cdobs_cli.families.reachability.exhibits import exhibits
 
         return exhibits(self, plant, design, check, run)
-
-    def envelope(self, plant: Plant, design: Design, check: Check) -> Mapping[str, Any] | None:
-        from cdobs_cli.families.reachability.claims import envelope
-
-        return envelope(plant, design, check)

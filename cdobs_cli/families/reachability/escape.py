@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from itertools import islice, product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from flint import arb
 
-from cdobs_cli.certificate import Witness
+from cdobs_cli.certificate import Claim, Witness
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, decimal_text, lower_text, upper_text
 from cdobs_cli.families.reachability.interval_matrix import IntervalMatrix
+from cdobs_cli.families.reachability.sets import construction, matrix_set
 from cdobs_cli.hybrid import PlantView
 from cdobs_cli.plant import Plant
+
+if TYPE_CHECKING:
+    from cdobs_cli.families.reachability import Reachability
 
 MAX_CORNERS = 16
 PIECES = 16
@@ -24,13 +29,11 @@ def escapes(plant: Plant, delta: Exact, boxes: tuple[IntervalMatrix, ...]) -> Wi
 
     Source: Dinh2014, Theorem II.2, (12)
     """
-    import numpy as np
-
     n = plant.n
     low, up = _hull(boxes, n)
     view = PlantView.balls(plant, {})
     corners = list(islice(product(*zip(view.lower, view.upper, strict=True)), MAX_CORNERS))
-    flows = [_flow(view, v) for v in corners]
+    flows = [view.flow(v) for v in corners]
     parts = [[flow.exp(delta.ball() * k / PIECES) for k in range(PIECES + 1)] for flow in flows]
     floats = np.array([[part.floats for part in row] for row in parts])
     bottom = np.array([[float(value.mid()) for value in row] for row in low])
@@ -73,15 +76,22 @@ def _hull(boxes: tuple[IntervalMatrix, ...], n: int) -> tuple[list[list[arb]], l
     return low, up
 
 
-def _flow(view: PlantView[Matrix], v: tuple[Any, ...]) -> Matrix:
-    flow = view.A
-    for value, (i, j) in zip(v, view.entries, strict=True):
-        flow = flow + (view.unit(i) @ view.unit(j).T) * value
-    return flow
-
-
 def _texts(plant: Plant, v: tuple[Any, ...], view: PlantView[Matrix]) -> tuple[str, ...]:
     texts = []
     for value, low, entry in zip(v, view.lower, view.entries, strict=True):
         texts.append(str((plant.slopes.lower if value is low else plant.slopes.upper)[entry]))
     return tuple(texts)
+
+
+def inclusion_claim(family: Reachability, plant: Plant, delta: Exact, proved: bool) -> Claim:
+    """Proved, refuted by a slope history that leaves a typed set, or open."""
+    why = f"{construction(plant)}."
+    witness = None
+    if family.set != "clarke":
+        why = "the set is the typed one."
+        boxes = None if proved else matrix_set(family, plant, delta)
+        witness = None if boxes is None else escapes(plant, delta, boxes)
+    status: Any = "refuted" if witness is not None else "proved" if proved else "undecided"
+    statement = f"At delta = {delta} every reachable error lies in Conv{{M e, M in the set}}: {why}"
+    kind: Any = "premise" if family.set == "clarke" else "printed"
+    return Claim("set.inclusion", kind, status, statement, "Dinh2014, Theorem II.2, (12)", witness=witness)

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cdobs_cli.certificate import Certificate, Check
-from cdobs_cli.chart import Chart, Exhibits, Panel, Series, Table
+from cdobs_cli.certify.methods.base import read
+from cdobs_cli.chart import Chart, Exhibits, Panel, Series
 from cdobs_cli.design import Design
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.reachability.canonical import LastRow, Number, delta_star, last_row
-from cdobs_cli.families.reachability.kernel import kernel
-from cdobs_cli.families.reachability.proof import METHOD
+from cdobs_cli.families.reachability.certificate import ReachableSet
 from cdobs_cli.families.reachability.structure import is_chain
 from cdobs_cli.plant import Plant, Slopes
 from cdobs_cli.run import Run
@@ -26,33 +27,31 @@ FACTORS = (Fraction(1, 8), Fraction(1, 4), Fraction(1, 2), Fraction(1), Fraction
 
 
 def exhibits(family: Reachability, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
-    """Charts where there is something to draw; the ladder of methods as a table."""
+    """Charts where there is something to draw."""
     charts = []
-    certificate = _own(design)
+    certificate = _own(plant, design)
     contraction = check.claim("set.contraction") if check is not None else None
     if certificate is not None and run is not None and contraction is not None and contraction.status == "proved":
         charts += _lyapunov(plant, design, certificate, run)
     if family.method != "clock" and family.set == "clarke":
         charts += _periods(family, plant, design, check)
-    return Exhibits(tuple(charts), _ladder(check) if check else (), _notes(family, plant, design))
+    return Exhibits(tuple(charts), (), _notes(family, plant, design))
 
 
-def _own(design: Design) -> Certificate | None:
-    return next((c for c in design.certificates if c.method == METHOD and c.sampling == design.sampling and "K" not in c.data), None)
+def _own(plant: Plant, design: Design) -> ReachableSet | None:
+    """The set certificate of the design's gain and law."""
+    stored = (read(one, (ReachableSet,), ("K",)) for one in design.certificates if one.sampling == design.sampling)
+    methods = (one.method for one in stored if one is not None and one.gain is None)
+    return next((method for method in methods if isinstance(method, ReachableSet)), None)
 
 
-def _lyapunov(plant: Plant, design: Design, certificate: Certificate, run: Run) -> list[Chart]:
+def _lyapunov(plant: Plant, design: Design, certificate: ReachableSet, run: Run) -> list[Chart]:
     """V(t_k+) along the first run, and the proved geometric bound from its first value."""
     trajectory = run.trajectories[0]
     error = trajectory.estimates["x_hat"] - trajectory.x
-    if certificate.data["form"] == "reduced":
-        if not certificate.data["Q"]:
-            return []
-        space = kernel(plant.C)
-        T = space.R.floats @ (np.eye(plant.n) - design.gain["K"].floats @ plant.C.floats)
-        P = T.T @ ExactMatrix(certificate.data["Q"]).floats @ T
-    else:
-        P = ExactMatrix(certificate.data["P"]).floats
+    P = certificate.decrease(plant, design.gain["K"])
+    if P is None:
+        return []
     # Just after each jump: the last output row at that instant.
     after = np.searchsorted(trajectory.t, trajectory.t_k, side="right") - 1
     V = np.einsum("ki,ij,kj->k", error[after], P, error[after])
@@ -61,7 +60,7 @@ def _lyapunov(plant: Plant, design: Design, certificate: Certificate, run: Run) 
     if shown.sum() < 2:
         return []
     t, V = trajectory.t_k[shown], V[shown]
-    bound = V[0] * float(certificate.data["rho_squared"]) ** np.arange(len(V))
+    bound = V[0] * float(certificate.rho_squared) ** np.arange(len(V))
     # Below the integrator's accuracy the measured V says nothing.
     keep = bound > 1e-24 * V[0]
     series = (Series("V after each jump", t, V, "points", "measured"), Series("proved bound", t[keep], bound[keep], "line", "proved"))
@@ -97,22 +96,19 @@ def _scaled(values: tuple[Number, ...], factor: Fraction) -> tuple[Number, ...]:
 def _largest_periods(family: Reachability, plant: Plant, design: Design, check: Check | None) -> list[tuple[float, float]]:
     """By search for two states (no solver); by time scaling from the longest one proved where a single slope is
     uncertain: c_k s^(n-k+1) goes with delta / s."""
-    stored = max((c for c in design.certificates if c.method == METHOD), key=lambda c: float(c.sampling.T_max), default=None)
+    stored = max((c for c in design.certificates if c.method == ReachableSet.name), key=lambda c: float(c.sampling.T_max), default=None)
     if plant.n == 2 and plant.p == 1:
-        from dataclasses import replace
+        from cdobs_cli.families.reachability.set_design import end_of_any
 
-        from cdobs_cli.families.reachability.set_design import SetSearch
-
-        found = []
+        ends = []
         for factor in FACTORS:
             bounds = Slopes(_times(plant.slopes.lower, factor), _times(plant.slopes.upper, factor), plant.slopes.auto)
-            search = SetSearch(family, replace(plant, slopes=bounds), 0)
-            longest = search.longest_any(design.sampling.T_max)
-            found += [(float(factor), longest)] if longest else []
-        return found
+            about = family.question(replace(plant, slopes=bounds, sampling=design.sampling), {}, 0)
+            ends.append((float(factor), end_of_any(about)))
+        return [(factor, end) for factor, end in ends if end]
     entries = plant.slopes.uncertain
     zero_row = all(plant.A[plant.n - 1, j].sign() == 0 for j in range(plant.n))
-    any_gain = [c for c in design.certificates if c.method == METHOD and "K" in c.data]
+    any_gain = [c for c in design.certificates if c.method == ReachableSet.name and "K" in c.data]
     if len(entries) != 1 or not zero_row or not (any_gain or family.objective == "max_period"):
         return []
     if stored is None or not _is_proved(stored, check):
@@ -123,7 +119,7 @@ def _largest_periods(family: Reachability, plant: Plant, design: Design, check: 
 
 def _is_proved(stored: Certificate, check: Check | None) -> bool:
     """Whether the check has proved the period of a stored certificate, for this gain or for some gain."""
-    names = (f"period_max.{METHOD}", "period_max_any_gain")
+    names = (f"period_max.{ReachableSet.name}", "period_max_any_gain")
     ends = [bound.proved for name in names if check is not None and (bound := check.bounds.get(name)) is not None]
     # The end may be the period rounded down to 12 digits.
     T = float(stored.sampling.T_max)
@@ -132,13 +128,6 @@ def _is_proved(stored: Certificate, check: Check | None) -> bool:
 
 def _times(matrix: ExactMatrix, factor: Fraction) -> ExactMatrix:
     return ExactMatrix([[value * Exact(factor) for value in row] for row in matrix.rows])
-
-
-def _ladder(check: Check) -> tuple[Table, ...]:
-    rows = tuple((name.removeprefix("period_max."), bound) for name, bound in check.bounds.items() if name.startswith("period_max"))
-    return (
-        Table("periods", "Largest period by method", "What each method proves for this gain.", ("method", "proved", "refuted above"), rows),
-    )
 
 
 def _notes(family: Reachability, plant: Plant, design: Design) -> tuple[str, ...]:

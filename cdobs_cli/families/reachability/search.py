@@ -8,15 +8,14 @@ members over all of them, until none is violated.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cdobs_cli.certify.kernel import Kernel
 from cdobs_cli.certify.lmi import Program, full, symmetric
-from cdobs_cli.design import SolverRecord
 from cdobs_cli.families.reachability.interval_matrix import IntervalMatrix
-from cdobs_cli.families.reachability.kernel import Kernel
 from cdobs_cli.families.reachability.theorems import lmi_reduced, reduced_map, schur_reduced
 
 if TYPE_CHECKING:
@@ -24,26 +23,12 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+# The members that the last searches ended with, by what was searched: the next period starts from them.
+Memory = dict[Any, Any]
+
 MAX_ROUNDS = 25
 LARGEST = 1e100  # maps beyond this contract nothing, and their squares overflow
 ADDED = 6
-
-
-@dataclass
-class Log:
-    """What the solver was asked in all: calls, iterations. `binding` are the members that the last
-    searches ended with, by what was searched: the next period starts from them."""
-
-    records: list[SolverRecord] = field(default_factory=list)
-    binding: dict[tuple[str, int], list[int]] = field(default_factory=dict)
-
-    @property
-    def total(self) -> SolverRecord | None:
-        """One record for all calls, with the last status."""
-        if not self.records:
-            return None
-        last = self.records[-1]
-        return SolverRecord(last.name, last.version, last.status, sum(record.iterations for record in self.records))
 
 
 @dataclass(frozen=True)
@@ -116,7 +101,7 @@ class Guess:
     Z: Array
 
 
-def design(data: Members, log: Log) -> Guess:
+def design(data: Members, memory: Memory) -> Guess:
     """Maximise t with [[Q, B'], [B, Q]] >= t I at every member, trace Q = 1.
 
     Source: Dinh2014, Theorem II.2, (13), reduced to ker C
@@ -133,7 +118,7 @@ def design(data: Members, log: Log) -> Guess:
         Z = np.linalg.solve(x["Q"], x["Y"])
         return _smallest(x["Q"], data.A - Z @ data.b)
 
-    solution, t = _cut(len(data.M), {"Q": symmetric(r), "Y": full(r, m)}, inequality, margins, log)
+    solution, t = _cut(len(data.M), {"Q": symmetric(r), "Y": full(r, m)}, inequality, margins, memory)
     if solution is None:
         return Guess(t, np.eye(r) / r, np.zeros((r, m)))
     return Guess(t, solution["Q"], np.linalg.solve(solution["Q"], solution["Y"]))
@@ -151,7 +136,7 @@ def _minimax(data: Members) -> Guess:
     return Guess(1.0 - float(values[best]), np.eye(1), np.array([[candidates[best]]]))
 
 
-def lyapunov(F: Array, log: Log, rho: float = 1.0) -> tuple[float, Array]:
+def lyapunov(F: Array, memory: Memory, rho: float = 1.0) -> tuple[float, Array]:
     """Maximise t with rho^2 Q - F_k'Q F_k >= t I, trace Q = 1, over the matrices F (V, r, r)."""
     r = F.shape[1]
     if not np.max(np.abs(F), initial=0.0) < LARGEST:
@@ -162,7 +147,7 @@ def lyapunov(F: Array, log: Log, rho: float = 1.0) -> tuple[float, Array]:
     def inequality(k: int) -> Callable[[Any], Array]:
         return lambda x: schur_reduced(x["Q"], F[k], rho**2)
 
-    solution, t = _cut(len(F), {"Q": symmetric(r)}, inequality, lambda x: _smallest(x["Q"], F / rho), log)
+    solution, t = _cut(len(F), {"Q": symmetric(r)}, inequality, lambda x: _smallest(x["Q"], F / rho), memory)
     return (t, solution["Q"]) if solution else (t, np.eye(r) / r)
 
 
@@ -176,16 +161,16 @@ def contraction(Q: Array, F: Array) -> float:
     return float(np.max(norms))
 
 
-def fastest(F: Array, log: Log, rounds: int) -> tuple[float, Array]:
+def fastest(F: Array, memory: Memory, rounds: int) -> tuple[float, Array]:
     """(rho, Q) with rho^2 Q - F_k'Q F_k >= 0, rho about as small as one Q allows; rho >= 1 where none is found."""
-    margin, Q = lyapunov(F, log)
+    margin, Q = lyapunov(F, memory)
     if margin <= 0:
         return 1.0, Q
     rho = contraction(Q, F)
     low, best = 0.0, (rho, Q)
     for _ in range(rounds if F.shape[1] > 1 else 0):
         middle = max((low + best[0]) / 2, 0.8 * best[0])
-        margin, Q = lyapunov(F, log, middle)
+        margin, Q = lyapunov(F, memory, middle)
         if margin > 0:
             best = min(best, (contraction(Q, F), Q), key=lambda pair: pair[0])
         else:
@@ -206,7 +191,7 @@ def _cut(
     unknowns: dict[str, Any],
     inequality: Callable[[int], Callable[[Any], Array]],
     margins: Callable[[Any], Array],
-    log: Log,
+    memory: Memory,
 ) -> tuple[Any, float]:
     """Maximise t with inequality(k) >= t I for every k < count, trace Q = 1, by cutting planes.
 
@@ -221,7 +206,7 @@ def _cut(
     chosen: list[int] = []
     start = min(count, 4 * r)
     kind = ("+".join(unknowns), count)
-    wanted = log.binding.get(kind) or sorted({round(k * (count - 1) / max(1, start - 1)) for k in range(start)})
+    wanted = memory.get(kind) or sorted({round(k * (count - 1) / max(1, start - 1)) for k in range(start)})
     found: Any = None
     t = -1.0
     for _ in range(MAX_ROUNDS):
@@ -229,19 +214,17 @@ def _cut(
             function = inequality(k)
             program.require(lambda x, f=function: f(x) - x["t"][0, 0] * np.eye(len(f(x))))  # type: ignore[misc]
         chosen += wanted
-        try:
-            solution = program.solve()
-        except Exception:  # whatever the solver does, there is no guess
-            break
-        log.records.append(solution.record)
+        solution = program.solve()
         t = float(solution.values["t"][0, 0])
+        if not np.isfinite(t):
+            return None, -1.0
         try:
             values = margins(solution.values)
         except np.linalg.LinAlgError:
             return None, -1.0
-        log.binding[kind] = sorted(chosen, key=lambda k: float(values[k]))[: 12 * r]
+        memory[kind] = sorted(chosen, key=lambda k: float(values[k]))[: 12 * r]
         if not t > 1e-13:
-            return None, t if np.isfinite(t) else -1.0
+            return None, t
         if np.min(values) > 0 and np.linalg.eigvalsh(solution.values["Q"])[0] > 0:
             found = solution.values
         wanted = [k for k in map(int, np.argsort(values)[: 2 * ADDED]) if values[k] < 0.5 * t and k not in chosen][:ADDED]

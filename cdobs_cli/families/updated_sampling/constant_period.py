@@ -7,8 +7,10 @@ from fractions import Fraction
 from typing import Any
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify import clock
-from cdobs_cli.certify.bracket import largest_proved
+from cdobs_cli.certify import search
+from cdobs_cli.certify.methods.base import Question, read
+from cdobs_cli.certify.methods.clock.certificate import design_impulsive
+from cdobs_cli.certify.methods.rung import GENERAL
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, PlantView
 from cdobs_cli.plant import Plant, Slopes
@@ -46,25 +48,28 @@ def longest(plant: Plant, variant: str, c: Exact, effort: int) -> Certificate | 
     """A gain and a proved certificate for a constant period, the longest found by bisection; n <= 3."""
     if plant.n > MAX_STATES or c.rational is None or c.rational <= 0:
         return None
+    nothing = {"K": ExactMatrix([[0] * plant.p for _ in range(plant.n)])}
 
     def prove(T: Exact) -> Certificate | None:
-        found = clock.design_impulsive(class_with(plant, variant, c, T, {}), effort)
-        if found is None:
+        met = design_impulsive(Question(class_with(plant, variant, c, T, nothing), effort=effort))
+        if met is None:
             return None
-        K, certificate = found
-        data = {**certificate.data, "K": ExactMatrix.from_floats(K, clock.GAIN_DIGITS).texts(), "method": certificate.method, "c": str(c)}
-        return Certificate(METHOD, certificate.sampling, data)
+        K, method = met
+        certificate = method.certificate({"K": K})
+        return replace(certificate, method=METHOD, data={**certificate.data, "method": method.name, "c": str(c)})
 
     unit = Fraction(1 / float(c.rational)).limit_denominator(10**12)
-    found = largest_proved(prove, Exact(unit / 40), Exact(2 * unit), Fraction(1, 50))
-    return None if found is None else found[1]
+    met = search.between(prove, Exact(unit / 40), Exact(2 * unit), Fraction(1, 50))
+    return None if met is None else met[1]
 
 
 def holds(plant: Plant, variant: str, c: Exact, certificate: Certificate) -> bool:
-    """Whether a stored certificate proves its period for slopes up to c."""
-    if certificate.data["c"] != str(c):
+    """Whether a stored certificate proves its period for slopes up to c. Raises: KeyError on another's data."""
+    data = dict(certificate.data)
+    if data.pop("c") != str(c):
         return False
-    gain = {"K": ExactMatrix(certificate.data["K"])}
-    data = {key: value for key, value in certificate.data.items() if key not in ("K", "method", "c")}
-    inclusion = class_with(plant, variant, c, certificate.sampling.T_max, gain)
-    return clock.prove(inclusion, Certificate(certificate.data["method"], certificate.sampling, data)).proved
+    stored = read(replace(certificate, method=data.pop("method"), data=data), GENERAL.methods, ("K",))
+    if stored is None or stored.gain is None:
+        return False
+    inclusion = class_with(plant, variant, c, certificate.sampling.T_max, dict(stored.gain))
+    return stored.method.prove(Question(inclusion)).holds

@@ -11,12 +11,13 @@ from functools import cached_property
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from cdobs_cli.certify.bernstein import derivative, elevation
-from cdobs_cli.certify.clock_form import Shape, erases_the_rest, jump_block, jump_gap, kept_states, lyapunov
+from cdobs_cli.certify.methods.clock.form import Shape, erases_the_rest, jump_block, jump_gap, kept_states, lyapunov
 from cdobs_cli.hybrid import ErrorMaps
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from cdobs_cli.design import SolverRecord
@@ -28,7 +29,7 @@ _ALL_AT_ONCE = 4  # so many corners are imposed from the start
 
 
 @dataclass
-class Found:
+class Solution:
     """What a search returns: coefficients, W (or None), the margin over all corners, the solver's word."""
 
     P: list[Array]
@@ -58,16 +59,12 @@ class Search:
     @cached_property
     def triangle(self) -> tuple[Any, Any]:
         """Rows and columns of the upper triangle, by columns."""
-        import numpy as np
-
         j, i = np.tril_indices(self.N)
         return i, j
 
     @cached_property
     def basis(self) -> Array:
         """(t, N, N): the symmetric matrices whose svec are unit vectors."""
-        import numpy as np
-
         i, j = self.triangle
         basis = np.zeros((len(i), self.N, self.N))
         value = np.where(i == j, 1.0, np.sqrt(0.5))
@@ -77,16 +74,12 @@ class Search:
 
     def svec(self, matrices: Array) -> Array:
         """svec of a stack (.., M, M)."""
-        import numpy as np
-
         j, i = np.tril_indices(matrices.shape[-1])
         return matrices[..., i, j] * np.where(i == j, 1.0, np.sqrt(2.0))
 
     @cached_property
     def operators(self) -> tuple[Array, Array, Any]:
         """g (derivative) and e (value) weights per flow coefficient, and the first P of each one's piece."""
-        import numpy as np
-
         shape = self.shape
         G = np.array(derivative(shape.d, shape.D), dtype=float)
         E = np.array(elevation(shape.d, shape.D), dtype=float)
@@ -96,12 +89,10 @@ class Search:
         first = np.repeat(np.arange(shape.pieces) * shape.d, shape.D + 1)
         return g, e, first
 
-    def solve(self, maps: ErrorMaps[Array], sigma: float) -> Found | None:
+    def solve(self, maps: ErrorMaps[Array], sigma: float) -> Solution | None:
         """The certificate of largest margin met, or None where the relaxation with the cuts has none.
 
         The margin returned is over all corners; positive means found (in floats)."""
-        import numpy as np
-
         corners = np.array(list(product(*zip(maps.lower, maps.upper, strict=True))))
         flows = np.array([maps.flow(tuple(v)) for v in corners])
         if not np.all(np.isfinite(flows)):
@@ -113,18 +104,18 @@ class Search:
         elif not self.cuts:
             self.cuts = {(c, v) for c in range(count) for v in (0, len(corners) - 1)}
         static = self._static(maps.jump)
-        best: Found | None = None
+        best: Solution | None = None
         for _ in range(_ROUNDS):
-            found = self._ask(L, static)
-            if found is None or found.margin <= 0:
+            solution = self._ask(L, static)
+            if solution is None or solution.margin <= 0:
                 return best
-            violation, worst = self._worst(found.P, flows, sigma)
-            true_margin = min(found.margin, float(-violation.max()))
+            violation, worst = self._worst(solution.P, flows, sigma)
+            true_margin = min(solution.margin, float(-violation.max()))
             if best is None or true_margin > best.margin:
-                best = Found(found.P, found.W, true_margin, found.record)
-            if true_margin > 0.1 * found.margin:
+                best = Solution(solution.P, solution.W, true_margin, solution.record)
+            if true_margin > 0.1 * solution.margin:
                 return best
-            new = {(c, int(worst[c])) for c in range(count) if violation[c] > -0.5 * found.margin} - self.cuts
+            new = {(c, int(worst[c])) for c in range(count) if violation[c] > -0.5 * solution.margin} - self.cuts
             if not new:
                 return best
             self.cuts |= new
@@ -132,15 +123,11 @@ class Search:
 
     def _lyapunov(self, flows: Array, sigma: float) -> Array:
         """(corners, t, t): svec of P A + A' P + 2 sigma P on the svec of P, transposed into rows."""
-        import numpy as np
-
         images = np.array([[lyapunov(P, A, sigma) for P in self.basis] for A in flows])
         return self.svec(images).transpose(0, 2, 1)
 
     def _worst(self, P: list[Array], flows: Array, sigma: float) -> tuple[Array, Array]:
         """For each flow coefficient the largest eigenvalue over all corners, and its corner."""
-        import numpy as np
-
         g, e, first = self.operators
         local = np.array([[P[f + k] for k in range(self.shape.d + 1)] for f in first])
         slope = np.einsum("ck,ckij->cij", g, local)
@@ -170,8 +157,6 @@ class Search:
 
     def _static(self, J: Array) -> tuple[list[Array], list[float], list[tuple[str, int]]]:
         """Trace, block structure of P(0), P(0) on the range of J, and the jump inequality."""
-        import numpy as np
-
         from cdobs_cli.exact.matrix import Matrix
 
         rows: list[Array] = []
@@ -229,8 +214,6 @@ class Search:
 
     def _semidefinite(self, parts: dict[int, Array], dimension: int) -> Array:
         """Rows of `sum of parts - margin I` in the cone; key -1 is W."""
-        import numpy as np
-
         rows = np.zeros((dimension * (dimension + 1) // 2, self._size))
         for number, coefficients in parts.items():
             columns = slice(self.shape.count * self._t, self._size - 1) if number == -1 else self._unknown(number)
@@ -238,9 +221,8 @@ class Search:
         rows[:, -1] = self.svec(np.eye(dimension))
         return rows
 
-    def _ask(self, L: Array, static: tuple[list[Array], list[float], list[tuple[str, int]]]) -> Found | None:
+    def _ask(self, L: Array, static: tuple[list[Array], list[float], list[tuple[str, int]]]) -> Solution | None:
         import clarabel
-        import numpy as np
 
         from cdobs_cli.certify.lmi import SparseColumns, ask_clarabel
 
@@ -284,4 +266,4 @@ class Search:
         if self.from_zero:  # the equations hold exactly, not to the solver's tolerance
             P[0] = np.where(self.crossing, 0.0, P[0])
         W = None if self.C is None else x[self.shape.count * t : -1].reshape(self.N, -1)
-        return Found(P, W, float(x[-1]), record)
+        return Solution(P, W, float(x[-1]), record)

@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any
 
 from flint import arb
 
-from cdobs_cli.certify.falsify import exponentials
-from cdobs_cli.certify.planar import PlanarClass, planar_class, switching
+from cdobs_cli.certify.floats import exponentials
+from cdobs_cli.certify.methods.planar.extremals import PlanarClass, planar_class, switching
 from cdobs_cli.certify.switching import Proposal, propose_for
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix

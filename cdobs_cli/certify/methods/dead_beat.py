@@ -8,32 +8,46 @@
 
 from __future__ import annotations
 
-from cdobs_cli.certificate import Certificate
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+from flint import arb
+
+from cdobs_cli.certify.methods.base import Method, Proof, Question
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.hybrid import HybridInclusion
 from cdobs_cli.sampling import SamplingLaw
 
-METHOD = "dead_beat"
+
+@dataclass(frozen=True)
+class DeadBeat(Method):
+    """It holds no data: the exact matrices are the proof. Loads no solver."""
+
+    name: ClassVar[str] = "dead_beat"
+    rung: ClassVar[str] = "dead_beat"
+    source: ClassVar[str] = "exact rational arithmetic"
+    how: ClassVar[str] = "exact matrices"
+    statement: ClassVar[str] = "Every error is 0 after finitely many samples"
+
+    @classmethod
+    def propose(cls, question: Question) -> Self | None:
+        gone = cls(question.law)
+        return gone if gone.prove(question).holds else None
+
+    def _prove(self, question: Question) -> Proof:
+        inclusion, law = question.inclusion, self.law
+        return Proof.of(law.is_bounded and (resets(inclusion) or _is_nilpotent_at(inclusion, law)), arb("inf"))
+
+    @classmethod
+    def longest(cls, question: Question) -> Self | None:
+        """Under the question's own law: where one sample erases every error no period is too long."""
+        return cls.propose(question)
 
 
 def resets(inclusion: HybridInclusion) -> bool:
     """Whether one sample erases every error: J = 0 exactly."""
     J = inclusion.balls.jump
     return J.is_rational and _is_zero(J)
-
-
-def analyse(inclusion: HybridInclusion) -> Certificate | None:
-    """The certificate under the inclusion's law, or None."""
-    certificate = Certificate(METHOD, inclusion.sampling, {})
-    return certificate if prove(inclusion, certificate) else None
-
-
-def prove(inclusion: HybridInclusion, certificate: Certificate) -> bool:
-    """Whether every error is 0 after finitely many samples under the certificate's law."""
-    law = certificate.sampling
-    if not law.is_bounded:
-        return False
-    return resets(inclusion) or _is_nilpotent_at(inclusion, law)
 
 
 def _is_nilpotent_at(inclusion: HybridInclusion, law: SamplingLaw) -> bool:

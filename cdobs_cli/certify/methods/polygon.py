@@ -14,24 +14,27 @@ suffices there: then g(z+) <= (1 - epsilon s) g(z).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify.common_quadratic import applies, covered, law_ends, rational
-from cdobs_cli.certify.sampled_error import SampledError, sampled_error
+import numpy as np
+
+from cdobs_cli.certify.cover import covered, law_ends
+from cdobs_cli.certify.floats import exponentials, spectral_radii
+from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question
+from cdobs_cli.certify.methods.common_quadratic import is_linear_loop, longest_aperiodic, sampled_loop
+from cdobs_cli.certify.sampled_error import SampledError
 from cdobs_cli.certify.taylor import ORDER, bernstein_weights, exponential
+from cdobs_cli.certify.texts import rate_of, rational
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import decimal_text, fraction_text
-from cdobs_cli.hybrid import HybridInclusion
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
 
-METHOD = "polygon"
 _DIGITS = 9
 _MOST = 240  # vertices of half a polygon
 _PERIODS = (16, 24, 32, 48)  # of the search, by effort
@@ -41,43 +44,74 @@ _ROUNDS, _EVERY = 1500, 10
 _FINE = 8  # times as many periods for the last look
 
 
-def prove(inclusion: HybridInclusion, certificate: Certificate) -> bool:
-    """Whether the stored polygon proves convergence at its rate under the certificate's own law. No solver.
+@dataclass(frozen=True)
+class Polygon(Method):
+    """sigma; vertices: [x, y] of half the polygon, counter-clockwise."""
 
-    Raises: KeyError, TypeError, ValueError, IndexError, ZeroDivisionError, ExpressionError on data that nobody wrote.
-    """
-    law, data = certificate.sampling, certificate.data
-    if inclusion.entries or law.is_periodic or not law.is_bounded:
-        return False
-    sigma = rational(data["sigma"])
-    low, high = law_ends(law)
-    error = sampled_error(inclusion.balls, law.from_zero)
-    if sigma < 0 or not low < high or error is None or error.size != 2 or not 2 <= len(data["vertices"]) <= _MOST:
-        return False
-    half = [(rational(x), rational(y)) for x, y in data["vertices"]]
-    sides = _sides(half)
-    if sides is None:
-        return False
-    V, N = Matrix.from_rows(half).T, Matrix.from_rows(sides)
-    F = error.F + Matrix.identity(error.F.shape[0]) * sigma
-    corners = error.X @ V
+    sigma: str
+    vertices: list[list[str]]
 
-    def inside(a: Fraction, b: Fraction) -> bool:
-        coefficients = exponential(error.Y, F, corners, a, b)
-        if coefficients is None:
-            return False
-        first = 1 if a == 0 and error.kept is not None else 0
-        for weights in bernstein_weights(ORDER)[first:]:
-            point = coefficients[0] * weights[0]
-            for weight, coefficient in zip(weights[1:], coefficients[1:], strict=False):
-                point = point + coefficient * weight
-            if not all(abs(value) < 1 for row in (N @ point).tolist() for value in row):
+    name: ClassVar[str] = "polygon"
+    rung: ClassVar[str] = "clock"
+    source: ClassVar[str] = "polygon of sampled errors that every sample maps into itself"
+    how: ClassVar[str] = "Bernstein coefficients in balls"
+    statement: ClassVar[str] = "Each sample maps a polygon of errors into itself"
+
+    @classmethod
+    def applies(cls, question: Question) -> bool:
+        """No uncertain slope, an interval of periods."""
+        return is_linear_loop(question)
+
+    @classmethod
+    def propose(cls, question: Question) -> Self | None:
+        """Planar sampled errors only."""
+        error = sampled_loop(question)
+        if error is None or error.size != 2 or error.kept == 2:
+            return None
+        low, high = float(question.law.T_min), float(question.law.T_max)
+        with np.errstate(all="ignore"):
+            try:
+                half = _invariant(error, low, high, float(question.rate), question.level)
+            except np.linalg.LinAlgError:  # the hull collapsed to a line
+                return None
+        if half is None:
+            return None
+        vertices = [[decimal_text(float(value), _DIGITS) for value in point] for point in half]
+        polygon = cls(question.law, fraction_text(question.rate), vertices)
+        return polygon if polygon.prove(question).holds else None
+
+    @classmethod
+    def longest(cls, question: Question) -> Self | None:
+        return longest_aperiodic(cls.propose, question)
+
+    def _prove(self, question: Question) -> Proof:
+        sigma, error = rate_of(self.sigma), sampled_loop(question)
+        if error is None or error.size != 2 or not 2 <= len(self.vertices) <= _MOST:
+            return NOTHING
+        half = [(rational(x), rational(y)) for x, y in self.vertices]
+        sides = _sides(half)
+        if sides is None:
+            return NOTHING
+        V, N = Matrix.from_rows(half).T, Matrix.from_rows(sides)
+        F = error.F + Matrix.identity(error.F.shape[0]) * sigma
+        corners = error.X @ V
+
+        def inside(a: Fraction, b: Fraction) -> bool:
+            coefficients = exponential(error.Y, F, corners, a, b)
+            if coefficients is None:
                 return False
-        return True
+            first = 1 if a == 0 and error.kept is not None else 0
+            for weights in bernstein_weights(ORDER)[first:]:
+                point = coefficients[0] * weights[0]
+                for weight, coefficient in zip(weights[1:], coefficients[1:], strict=False):
+                    point = point + coefficient * weight
+                if not all(abs(value) < 1 for row in (N @ point).tolist() for value in row):
+                    return False
+            return True
 
-    if error.kept is not None and not all(-1 <= value <= 1 for row in (N @ error.Y @ corners).tolist() for value in row):
-        return False
-    return covered(inside, low, high)
+        if error.kept is not None and not all(-1 <= v <= 1 for row in (N @ error.Y @ corners).tolist() for v in row):
+            return NOTHING
+        return Proof.of(covered(inside, *law_ends(self.law)), sigma)
 
 
 def _sides(half: list[tuple[Fraction, Fraction]]) -> list[tuple[Fraction, Fraction]] | None:
@@ -101,35 +135,7 @@ def _sides(half: list[tuple[Fraction, Fraction]]) -> list[tuple[Fraction, Fracti
 # The search, in floats: the hull of what the maps make of a small polygon.
 
 
-def analyse(inclusion: HybridInclusion, effort: int, sigma: Fraction = Fraction(0)) -> Certificate | None:
-    """A proved certificate under the inclusion's law at rate sigma, or None; planar sampled errors only."""
-    import numpy as np
-
-    law = inclusion.sampling
-    low, high = float(law.T_min), float(law.T_max)
-    if not applies(inclusion) or not 0 <= low < high < 1e12:
-        return None
-    error = sampled_error(inclusion.balls, law.from_zero)
-    if error is None or error.size != 2 or error.kept == 2:
-        return None
-    level = max(0, min(effort, 3))
-    with np.errstate(all="ignore"):
-        try:
-            half = _invariant(error, low, high, float(sigma), level)
-        except np.linalg.LinAlgError:  # the hull collapsed to a line
-            return None
-    if half is None:
-        return None
-    vertices = [[decimal_text(float(value), _DIGITS) for value in point] for point in half]
-    certificate = Certificate(METHOD, law, {"sigma": fraction_text(sigma), "vertices": vertices})
-    return certificate if prove(inclusion, certificate) else None
-
-
 def _invariant(error: SampledError, low: float, high: float, sigma: float, level: int) -> Array | None:
-    import numpy as np
-
-    from cdobs_cli.certify.floats import exponentials, spectral_radii
-
     F, X, Y = (matrix.floats for matrix in (error.F, error.X, error.Y))
     count = _PERIODS[level]
     periods = low + (high - low) * (1 - np.cos(np.pi * np.arange(count) / (count - 1))) / 2
@@ -174,8 +180,6 @@ def _invariant(error: SampledError, low: float, high: float, sigma: float, level
 
 def _is_mapped_inside(half: Array, maps: Array, margins: Array) -> bool:
     """Whether each map keeps the polygon inside of itself by its margin, in floats."""
-    import numpy as np
-
     following = np.concatenate([half[1:], -half[:1]])
     area = half[:, 0] * following[:, 1] - half[:, 1] * following[:, 0]
     sides = np.stack([following[:, 1] - half[:, 1], half[:, 0] - following[:, 0]], axis=1) / area[:, None]
@@ -186,8 +190,6 @@ def _is_mapped_inside(half: Array, maps: Array, margins: Array) -> bool:
 def _closed_at_zero(half: Array, M_0: Array) -> list[Array]:
     """From T_min = 0 with M(0) = diag(1, j): the polygon with what M(0) makes of its corners, and then with the corner
     on the kept axis standing out a little."""
-    import numpy as np
-
     on_axis = half * np.array([1.0, 0.0])
     # A little too far: rounded, it still holds the image.
     moved = half * np.array([1.0, M_0[1, 1] * (1 + 1e-6)])
@@ -201,8 +203,6 @@ def _closed_at_zero(half: Array, M_0: Array) -> list[Array]:
 
 def _crossing(half: Array) -> float:
     """Where the polygon's boundary meets the first axis."""
-    import numpy as np
-
     x, y = np.concatenate([half, -half[:1]]).T
     ends = np.flatnonzero((y[:-1] * y[1:] <= 0) & (y[:-1] != y[1:]))
     k = int(ends[0])
@@ -211,8 +211,6 @@ def _crossing(half: Array) -> float:
 
 def _balance(maps: Array) -> Array:
     """Coordinates in which the maps are of one size."""
-    import numpy as np
-
     total = np.eye(2)
     for _ in range(50):
         following = np.eye(2) + np.mean(maps.transpose(0, 2, 1) @ total @ maps, axis=0)
@@ -225,8 +223,6 @@ def _balance(maps: Array) -> Array:
 
 def _half(points: Array) -> Array | None:
     """The convex hull of the points and their negatives: its vertices over half a turn, counter-clockwise."""
-    import numpy as np
-
     both = np.unique(np.round(np.concatenate([points, -points]) / np.abs(points).max(), _DIGITS - 1), axis=0)
     chain: list[Any] = []
     for ordered in (both, both[::-1]):

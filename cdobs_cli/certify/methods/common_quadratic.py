@@ -21,67 +21,119 @@ G(s) >= epsilon s P: V falls in proportion to the time between samples.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
+import numpy as np
 from flint import arb, arb_poly
 
-from cdobs_cli.certificate import Certificate
+from cdobs_cli.certify import search
+from cdobs_cli.certify.cover import covered, law_ends
 from cdobs_cli.certify.definite import has_positive_pivots
+from cdobs_cli.certify.floats import exponentials, spectral_radii
+from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question
 from cdobs_cli.certify.sampled_error import SampledError, sampled_error
 from cdobs_cli.certify.symmetric_power import dimension, monomials, power
 from cdobs_cli.certify.taylor import ORDER, Taylor, bernstein_weights, entries, exponential
+from cdobs_cli.certify.texts import rate_of, symmetric_from_upper, upper_texts
 from cdobs_cli.exact.matrix import Matrix
-from cdobs_cli.exact.numbers import Exact, arb_fraction, decimal_text, fraction_text
-from cdobs_cli.hybrid import HybridInclusion
-from cdobs_cli.sampling import SamplingLaw
+from cdobs_cli.exact.numbers import fraction_text
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
 
-METHOD = "common_quadratic"
+T_ = TypeVar("T_")
+
 _DIGITS = 17
-_PIECES = 400
-_NARROWEST = Fraction(1, 2**20)  # of the law's interval
 _DEGREES = (3, 4, 6, 8)  # largest d, by effort
 _LARGEST = (10, 15, 21, 36)  # most monomials, by effort
 _GRID, _FINE, _ROUNDS = 10, 96, 6
 
 
-def applies(inclusion: HybridInclusion) -> bool:
+@dataclass(frozen=True)
+class CommonQuadratic(Method):
+    """sigma; degree d; P: the upper triangle, each row from the diagonal on."""
+
+    sigma: str
+    degree: str
+    P: list[list[str]]
+
+    name: ClassVar[str] = "common_quadratic"
+    rung: ClassVar[str] = "clock"
+    source: ClassVar[str] = "form of the sampled error that falls at every sample"
+    how: ClassVar[str] = "Bernstein coefficients in balls"
+    statement: ClassVar[str] = "One form of the error just after a sample falls from each sample to the next"
+
+    @classmethod
+    def applies(cls, question: Question) -> bool:
+        """No uncertain slope, an interval of periods."""
+        return is_linear_loop(question)
+
+    @classmethod
+    def propose(cls, question: Question) -> Self | None:
+        """The least degree first."""
+        error = sampled_loop(question)
+        if error is None:
+            return None
+        low, high = float(question.law.T_min), float(question.law.T_max)
+        periods, maps = _maps(error, low, high, float(question.rate))
+        # A constant period of the law at which the error does not decay: no form can fall.
+        if not np.all(np.isfinite(maps)) or not np.all(spectral_radii(maps) < 1):
+            return None
+        for degree in range(1, _DEGREES[question.level] + 1):
+            if degree > 1 and dimension(error.size, degree) > _LARGEST[question.level]:
+                return None
+            P = _Search(periods, maps, error.kept, degree).run()
+            if P is None:
+                continue
+            form = cls(question.law, fraction_text(question.rate), str(degree), upper_texts(P, _DIGITS))
+            if form.prove(question).holds:
+                return form
+        return None
+
+    def _prove(self, question: Question) -> Proof:
+        sigma, degree = rate_of(self.sigma), int(self.degree)
+        error = sampled_loop(question)
+        if not 1 <= degree <= max(_DEGREES) or error is None:
+            return NOTHING
+        P = symmetric_from_upper(self.P)
+        if dimension(error.size, degree) != P.shape[0] or P.shape[0] > max(_LARGEST) or not has_positive_pivots(P):
+            return NOTHING
+        form = _Form(error, degree, sigma, P)
+        if error.kept is not None and not form.falls_at_zero():
+            return NOTHING
+        return Proof.of(covered(form.falls, *law_ends(self.law)), sigma)
+
+    @classmethod
+    def longest(cls, question: Question) -> Self | None:
+        return longest_aperiodic(cls.propose, question)
+
+
+def is_linear_loop(question: Question) -> bool:
     """No uncertain slope, an interval of periods."""
-    law = inclusion.sampling
-    return not inclusion.entries and law.is_bounded and not law.is_periodic
+    return not question.inclusion.entries and question.law.is_bounded and not question.law.is_periodic
+
+
+def sampled_loop(question: Question) -> SampledError | None:
+    """The sampled error of a linear loop under an interval of periods; None for any other question."""
+    if not is_linear_loop(question) or not 0 <= float(question.law.T_min) < float(question.law.T_max) < 1e12:
+        return None
+    error = sampled_error(question.inclusion.balls, question.law.from_zero)
+    return None if error is None or error.size == 0 else error
+
+
+def longest_aperiodic(propose: Callable[[Question], T_ | None], question: Question) -> T_ | None:
+    """The longest law [T_min, T]: laws grow with T, so the walk keeps T_min."""
+    law, width = question.law, search.tolerance(question.effort, quick=True)
+    return search.longest(lambda T: propose(question.at(T)), law.T_max, width, floor=float(law.T_min))
 
 
 def fall(P: Any, M: Any) -> Any:
     """G = P - M' P M."""
     return P - M.T @ P @ M
-
-
-def prove(inclusion: HybridInclusion, certificate: Certificate) -> bool:
-    """Whether the stored P proves convergence at its rate under the certificate's own law. No solver.
-
-    Raises: KeyError, TypeError, ValueError, IndexError, ZeroDivisionError, ExpressionError on data that nobody wrote.
-    """
-    law, data = certificate.sampling, certificate.data
-    if inclusion.entries or law.is_periodic or not law.is_bounded:
-        return False
-    sigma, degree = rational(data["sigma"]), int(data["degree"])
-    low, high = law_ends(law)
-    error = sampled_error(inclusion.balls, law.from_zero)
-    if sigma < 0 or not 1 <= degree <= max(_DEGREES) or not low < high or error is None or error.size == 0:
-        return False
-    P = _symmetric(data["P"])
-    if dimension(error.size, degree) != P.shape[0] or P.shape[0] > max(_LARGEST) or not has_positive_pivots(P):
-        return False
-    form = _Form(error, degree, sigma, P)
-    if error.kept is not None and not form.falls_at_zero():
-        return False
-    return covered(form.falls, low, high)
 
 
 class _Form:
@@ -154,45 +206,6 @@ def _constant(value: arb) -> Taylor:
     return Taylor(arb_poly([value]))
 
 
-def covered(holds: Callable[[Fraction, Fraction], bool], low: Fraction, high: Fraction) -> bool:
-    """Whether a property that can be proved on short intervals [a, b] holds on each of a cover of [low, high]."""
-    pending = [(low, high)]
-    for _ in range(_PIECES):
-        if not pending:
-            return True
-        a, b = pending.pop()
-        if holds(a, b):
-            continue
-        if b - a <= (high - low) * _NARROWEST:
-            return False
-        middle = (a + b) / 2
-        pending += [(a, middle), (middle, b)]
-    return False
-
-
-def law_ends(law: SamplingLaw) -> tuple[Fraction, Fraction]:
-    """Rational ends of an interval that holds every period of the law; 0 only for T_min = 0 itself."""
-    low = law.T_min.rational
-    if low is None:
-        low = arb_fraction(law.T_min.ball().lower())
-    high = law.T_max.rational
-    return low, arb_fraction(law.T_max.ball().upper()) if high is None else high
-
-
-def rational(text: str) -> Fraction:
-    """Raises: ExpressionError, ValueError on what is no rational, or one beyond all bounds."""
-    value = Exact(text).rational
-    if value is None:
-        raise ValueError("a certificate holds rationals")
-    return value
-
-
-def _symmetric(rows: list[list[str]]) -> Matrix:
-    """The symmetric matrix with this upper triangle, each row from the diagonal on."""
-    size = len(rows)
-    return Matrix.from_rows([[rational(rows[min(i, j)][abs(i - j)]) for j in range(size)] for i in range(size)])
-
-
 def _rounding_basis(P: Matrix, first: list[int], lost: list[int]) -> Matrix:
     """A rational S, diagonal by blocks, with S' P S close to I."""
     return Matrix.from_floats(_unit_basis(P.floats, [part for part in (first, lost) if part]))
@@ -200,8 +213,6 @@ def _rounding_basis(P: Matrix, first: list[int], lost: list[int]) -> Matrix:
 
 def _unit_basis(P: Array, blocks: list[list[int]]) -> Array:
     """S, diagonal by blocks, with S' P S = I there; the identity where floats do not find P positive."""
-    import numpy as np
-
     S = np.eye(len(P))
     try:
         for part in blocks:
@@ -214,43 +225,8 @@ def _unit_basis(P: Array, blocks: list[list[int]]) -> Array:
 # The search: floats and the solver propose, `prove` decides.
 
 
-def analyse(inclusion: HybridInclusion, effort: int, sigma: Fraction = Fraction(0)) -> Certificate | None:
-    """A proved certificate under the inclusion's law at rate sigma, the least degree first; None where none is found."""
-    import numpy as np
-
-    from cdobs_cli.certify.floats import spectral_radii
-
-    law = inclusion.sampling
-    low, high = float(law.T_min), float(law.T_max)
-    if not applies(inclusion) or not 0 <= low < high < 1e12:
-        return None
-    error = sampled_error(inclusion.balls, law.from_zero)
-    if error is None or error.size == 0:
-        return None
-    periods, maps = _maps(error, low, high, float(sigma))
-    # A constant period of the law at which the error does not decay: no form can fall.
-    if not np.all(np.isfinite(maps)) or not np.all(spectral_radii(maps) < 1):
-        return None
-    level = max(0, min(effort, 3))
-    for degree in range(1, _DEGREES[level] + 1):
-        if degree > 1 and dimension(error.size, degree) > _LARGEST[level]:
-            return None
-        P = _Search(periods, maps, error.kept, degree).run()
-        if P is None:
-            continue
-        rows = [[decimal_text(float(P[i, j]), _DIGITS) for j in range(i, len(P))] for i in range(len(P))]
-        certificate = Certificate(METHOD, law, {"sigma": fraction_text(sigma), "degree": str(degree), "P": rows})
-        if prove(inclusion, certificate):
-            return certificate
-    return None
-
-
 def _maps(error: SampledError, low: float, high: float, sigma: float) -> tuple[Array, Array]:
     """Periods of the law, denser at both ends where the inequality is tight as a rule, and M there."""
-    import numpy as np
-
-    from cdobs_cli.certify.floats import exponentials
-
     periods = low + (high - low) * (1 - np.cos(np.pi * np.arange(_FINE + 1) / _FINE)) / 2
     periods[0] = low if low > 0 else 1e-5 * high
     F, X, Y = (matrix.floats for matrix in (error.F, error.X, error.Y))
@@ -263,8 +239,6 @@ class _Search:
     """P of largest margin in floats: the inequality at some periods, and at those of a fine grid that it violates."""
 
     def __init__(self, periods: Array, maps: Array, kept: int | None, degree: int) -> None:
-        import numpy as np
-
         r = maps.shape[-1]
         entries = [[maps[:, i, j] for j in range(r)] for i in range(r)]
         self.maps = np.array(power(entries, degree, kept or 0)).transpose(2, 0, 1)
@@ -278,8 +252,6 @@ class _Search:
             self.weights[:, first] = np.sqrt(periods[-1] / periods)[:, None]
 
     def run(self) -> Array | None:
-        import numpy as np
-
         S = self._scale()
         inverse = np.linalg.inv(S)
         maps = inverse @ self.maps @ S
@@ -305,8 +277,6 @@ class _Search:
 
     def _scale(self) -> Array:
         """Coordinates in which a Lyapunov function of one period is the identity, block by block."""
-        import numpy as np
-
         total, step = np.eye(self.size), self.maps[_FINE // 2]
         with np.errstate(all="ignore"):
             for _ in range(40):  # the sum of M'^k M^k, by doubling
@@ -317,8 +287,6 @@ class _Search:
         return _unit_basis(total, self.blocks) if np.all(np.isfinite(total)) else np.eye(self.size)
 
     def _solve(self, maps: Array, chosen: list[int]) -> Array | None:
-        import numpy as np
-
         from cdobs_cli.certify.lmi import Program, full
         from cdobs_cli.certify.lmi import symmetric as symmetric_unknown
 

@@ -23,22 +23,83 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, ClassVar, Self, TypeVar
 
 from flint import arb, fmpq
 
-from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify.definite import Definiteness
-from cdobs_cli.certify.planar_floats import FloatSweep
-from cdobs_cli.exact.expression import ExpressionError
+from cdobs_cli.certify.cover import covered
+from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question
+from cdobs_cli.certify.methods.planar.floats import FloatSweep
+from cdobs_cli.certify.search import rounded_down
+from cdobs_cli.certify.texts import rate_of
+from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, fraction_text
 from cdobs_cli.hybrid import HybridInclusion
 
-METHOD = "planar"
-UNDECIDED = Definiteness("undecided", None)
+# Limits are looked for from a thousandth of these multiples of the asked period: from half of it, else far below.
+_REACH = (500, 5)
+T_ = TypeVar("T_")
+
 _MAX_CELLS = 20_000
 _NARROW = Fraction(1, 10**14)
+
+
+@dataclass(frozen=True)
+class Planar(Method):
+    """It holds the rate only: the proof is the sweep itself. Loads no solver."""
+
+    sigma: str
+
+    name: ClassVar[str] = "planar"
+    rung: ClassVar[str] = "planar"
+    source: ClassVar[str] = "extremals of the planar class, exact"
+    how: ClassVar[str] = "switching times enclosed in balls"
+    exact: ClassVar[bool] = True
+    statement: ClassVar[str] = "No slope history makes |e_2| after a jump as large as after the jump before"
+
+    @classmethod
+    def applies(cls, question: Question) -> bool:
+        """A planar class, a jump with K_1 = 1, a rational constant period."""
+        return question.law.is_periodic and cleared_gain(question.inclusion) is not None
+
+    @classmethod
+    def propose(cls, question: Question) -> Self | None:
+        sweep = cls(question.law, fraction_text(question.rate))
+        return sweep if question.law.is_periodic and sweep.prove(question).holds else None
+
+    def _prove(self, question: Question) -> Proof:
+        """|g| < exp(-sigma delta) for every V(.), at the constant period delta."""
+        planar, K_2, sigma = planar_class(question.inclusion), cleared_gain(question.inclusion), rate_of(self.sigma)
+        delta = self.law.T_max.rational
+        if planar is None or K_2 is None or delta is None or delta <= 0 or not self.law.is_periodic:
+            return NOTHING
+        family, b = planar
+        extremals = sweep(family, delta)
+        limit = (fraction_ball(sigma * delta) * -1).exp()
+        return Proof.of(extremals is not None and extremals.proves(K_2 * b, limit), sigma)
+
+    def lost_by_every_gain(self, question: Question) -> tuple[Exact, str] | None:
+        from cdobs_cli.certify.methods.planar.every_gain import period_lost_by_every_gain
+
+        lost = period_lost_by_every_gain(lambda T: question.at(T).inclusion, self.law.T_max, question.effort)
+        if lost is None:
+            return None
+        T, refutation = lost
+        return T, (
+            f"Every gain K fails at the constant period {T}: on each of {refutation.cells} cells of gains one of "
+            f"{refutation.words} words of up to {refutation.longest} periods with extremal slopes has a spectral radius of at least 1."
+        )
+
+    @classmethod
+    def longest(cls, question: Question) -> Self | None:
+        """At the first period at which some extremal reaches |g| = 1, rounded down."""
+        planar, K_2 = planar_class(question.inclusion), cleared_gain(question.inclusion)
+        if planar is None or K_2 is None:
+            return None
+        family, b = planar
+        scaled = float(arb(K_2 * b).mid())
+        return last_proved(lambda below: limit_of_gain(family, scaled, below), lambda T: cls.propose(question.at(T)), question.law.T_max)
 
 
 @dataclass(frozen=True)
@@ -144,12 +205,6 @@ def _hull(low: arb, high: arb) -> arb:
     return low.union(high)
 
 
-def _ball(value: Fraction) -> arb:
-    from cdobs_cli.exact.functions import fraction_ball
-
-    return fraction_ball(value)
-
-
 def branch(matrices: tuple[Matrix, Matrix], horizon: Fraction) -> Branch | None:
     """The reference solution up to `horizon`, with e_1 > 0 on (0, horizon] proved; None where it is not.
 
@@ -168,11 +223,11 @@ def branch(matrices: tuple[Matrix, Matrix], horizon: Fraction) -> Branch | None:
         return made if _positive_on(e_2, Fraction(0), horizon) else None
     for width in (1e-14, 1e-12, 1e-10):
         low, high = Fraction(turn * (1 - width)), Fraction(turn * (1 + width))
-        if e_2(_ball(low)) > 0 and e_2(_ball(high)) < 0:
+        if e_2(fraction_ball(low)) > 0 and e_2(fraction_ball(high)) < 0:
             break
     else:
         return None
-    made = Branch(first, second, _hull(_ball(low), _ball(high)))
+    made = Branch(first, second, _hull(fraction_ball(low), fraction_ball(high)))
     if not _positive_on(e_2, Fraction(0), low) or not _positive_on(lambda t: made.at(t)[0, 0], low, horizon if horizon > low else low):
         return None
     return made
@@ -180,18 +235,11 @@ def branch(matrices: tuple[Matrix, Matrix], horizon: Fraction) -> Branch | None:
 
 def _positive_on(function: Any, low: Fraction, high: Fraction) -> bool:
     """function > 0 on [low, high], by adaptive cells."""
-    stack = [(low, high)]
-    for _ in range(2000):
-        if not stack:
-            return True
-        a, b = stack.pop()
-        if function(_hull(_ball(a), _ball(b))) > 0:
-            continue
-        if b - a < Fraction(1, 10**22) * (1 + high):
-            return False
-        middle = (a + b) / 2
-        stack += [(a, middle), (middle, b)]
-    return False
+
+    def holds(a: Fraction, b: Fraction) -> bool:
+        return bool(function(_hull(fraction_ball(a), fraction_ball(b))) > 0)
+
+    return covered(holds, low, high, pieces=2000, narrowest=Fraction(1, 10**22))
 
 
 @dataclass(frozen=True)
@@ -208,7 +256,7 @@ class Sweep:
         """(theta, r): e(s) = r d(theta), d the falling reference solution; theta <= s increases with s.
 
         A float proposes theta; the sign of the cross product on either side proves it."""
-        e = self.climb.at(_ball(s))
+        e = self.climb.at(fraction_ball(s))
         if s == 0:
             return arb(0), arb(1)
 
@@ -220,10 +268,10 @@ class Sweep:
         guess = self.floats.meeting(float(s))
         for width in (1e-13, 1e-11, 1e-9):
             left, right = Fraction(guess * (1 - width)), Fraction(guess * (1 + width))
-            if left > 0 and right < s and cross(_ball(left)) > 0 and cross(_ball(right)) < 0:
+            if left > 0 and right < s and cross(fraction_ball(left)) > 0 and cross(fraction_ball(right)) < 0:
                 low, high = left, right
                 break
-        theta = _hull(_ball(low), _ball(high))
+        theta = _hull(fraction_ball(low), fraction_ball(high))
         d = self.fall.at(theta)
         r = e[1, 0] / d[1, 0] if e[1, 0] > e[0, 0] else e[0, 0] / d[0, 0]
         return theta, r
@@ -231,15 +279,15 @@ class Sweep:
     def end(self, s: Fraction) -> Matrix:
         """(2, 1): e(delta; s), tightly."""
         theta, r = self.meeting(s)
-        end: Matrix = self.fall.at(theta + _ball(self.delta - s)) * r
+        end: Matrix = self.fall.at(theta + fraction_ball(self.delta - s)) * r
         return end
 
     def derivative(self, low: Fraction, high: Fraction, theta: arb) -> Matrix:
         """(2, 1): d e(delta; s) / ds over s in [low, high]: the transition of the difference of the two flows."""
-        s = _hull(_ball(low), _ball(high))
+        s = _hull(fraction_ball(low), fraction_ball(high))
         e = self.climb.at(s)
         jolt = e[0, 0] * self.spread[0] + abs(e[1, 0]) * self.spread[1]
-        column: Matrix = self.fall.transition(theta, _ball(self.delta) - s)[:, 1]
+        column: Matrix = self.fall.transition(theta, fraction_ball(self.delta) - s)[:, 1]
         slope: Matrix = column * jolt
         return slope
 
@@ -263,7 +311,7 @@ class Sweep:
             if abs(at_middle) >= limit or not at_middle.is_finite():
                 return False
             slope = g(self.derivative(low, high, theta_low.union(theta_high)))
-            reach = at_middle + slope * _hull(-_ball((high - low) / 2), _ball((high - low) / 2))
+            reach = at_middle + slope * _hull(-fraction_ball((high - low) / 2), fraction_ball((high - low) / 2))
             if not abs(reach) < limit:
                 if high - low < self.delta * _NARROW:
                     return False
@@ -278,37 +326,6 @@ def sweep(family: PlanarClass, delta: Fraction) -> Sweep | None:
         return None
     spread = (family.hi[0] - family.lo[0], family.hi[1] - family.lo[1])
     return Sweep(climb, fall, spread, delta, family.floats(float(delta)))
-
-
-def analyse(inclusion: HybridInclusion, sigma: Fraction = Fraction(0)) -> Certificate | None:
-    """A proved certificate, for a planar class, a jump with K_1 = 1, and a rational constant period; else None.
-
-    It holds no data but the rate: the proof is the sweep itself. Loads no solver."""
-    if not inclusion.sampling.is_periodic:
-        return None
-    certificate = Certificate(METHOD, inclusion.sampling, {"sigma": fraction_text(sigma)})
-    return certificate if prove(inclusion, certificate).proved else None
-
-
-def prove(inclusion: HybridInclusion, certificate: Certificate) -> Definiteness:
-    """Prove |g| < exp(-sigma delta) for every V(.), for this inclusion at the certificate's constant period."""
-    law = certificate.sampling
-    planar, K_2 = planar_class(inclusion), cleared_gain(inclusion)
-    delta = law.T_max.rational
-    if certificate.method != METHOD or planar is None or K_2 is None or delta is None or delta <= 0 or not law.is_periodic:
-        return UNDECIDED
-    family, b = planar
-    try:
-        sigma = Exact(certificate.data["sigma"]).rational
-    except (KeyError, TypeError, ExpressionError):
-        return UNDECIDED
-    if sigma is None or sigma < 0:
-        return UNDECIDED
-    extremals = sweep(family, delta)
-    limit = (_ball(sigma * delta) * -1).exp()
-    if extremals is None or not extremals.proves(K_2 * b, limit):
-        return UNDECIDED
-    return Definiteness("proved", None)
 
 
 def best_gain(open_loop: HybridInclusion) -> Fraction | None:
@@ -376,3 +393,14 @@ def switching(family: PlanarClass, b: Any, s: Fraction, delta: Fraction) -> list
         v_2 = climbing if positive else not climbing
         arcs.append((end - begin, (int(v_1), int(v_2))))
     return arcs
+
+
+def last_proved(limit_below: Callable[[float], float], prove: Callable[[Exact], T_ | None], T: Exact) -> T_ | None:
+    """The proof at a limit found in floats, rounded down; a little below it where balls cannot tell."""
+    limit = next((value for value in (limit_below(reach * float(T)) for reach in _REACH) if value > 0), 0.0)
+    for backed_off in (Fraction(0), Fraction(1, 10**5), Fraction(1, 10**4)):
+        period = rounded_down(Fraction(limit) * (1 - backed_off), 6)
+        proof = prove(period) if period.sign() == 1 else None
+        if proof is not None:
+            return proof
+    return None

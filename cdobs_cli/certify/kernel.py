@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
+
+from flint import arb
 
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, fraction_text
@@ -50,7 +53,7 @@ class Kernel:
     def is_kept(self, K: ExactMatrix) -> bool:
         """Whether C e = 0 exactly after each jump: C_r (I - K C) = 0."""
         residual = self.C_r - self.C_r @ K.balls() @ self.C
-        return all(_is_zero(value) for row in residual.tolist() for value in row)
+        return all(is_zero(value) for row in residual.tolist() for value in row)
 
 
 def kernel(C: ExactMatrix) -> Kernel:
@@ -102,20 +105,15 @@ def _matrix(rows: list[list[Any]], height: int, width: int) -> Matrix:
 
 
 def _float(value: Any) -> float:
-    from flint import arb
-
     return float(arb(value).mid())
 
 
-def _is_zero(value: Any) -> bool:
-    from flint import arb
-
+def is_zero(value: Any) -> bool:
+    """Certainly 0."""
     return bool(value.is_zero()) if isinstance(value, arb) else bool(value == 0)
 
 
 def _decimal(value: Any, K: Matrix, digits: int) -> str:
-    from fractions import Fraction
-
     if K.is_rational:
         exact = Fraction(int(value.p), int(value.q))
         text = fraction_text(exact)

@@ -1,0 +1,183 @@
+"""The objectives, once for every family with a constant gain: the gain, its law, and a certificate for each thing
+worth proving of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
+
+from cdobs_cli.certificate import Certificate
+from cdobs_cli.certify import judge
+from cdobs_cli.certify.methods.base import Method, Question
+from cdobs_cli.certify.methods.dead_beat import DeadBeat, resets
+from cdobs_cli.certify.methods.rung import Rung, fastest
+from cdobs_cli.certify.unseen import unseen
+from cdobs_cli.design import Design, Outcome
+from cdobs_cli.exact.numbers import ExactMatrix
+from cdobs_cli.plant import Plant
+from cdobs_cli.sampling import SamplingLaw
+
+
+class NoDesignError(Exception):
+    """No gain was found; the message says how far the search went."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A gain as it is run, for a law, and where one is known already its certificate; the largest merit wins."""
+
+    gain: ExactMatrix
+    law: SamplingLaw
+    merit: float = 0.0
+    method: Method | None = None
+
+    @staticmethod
+    def of(met: tuple[ExactMatrix, Method] | None, merit: float | None = None) -> Candidate | None:
+        """A gain with its certificate; its merit is its period where none is said."""
+        if met is None:
+            return None
+        gain, method = met
+        return Candidate(gain, method.law, float(method.law.T_max) if merit is None else merit, method)
+
+
+class GainSearch:
+    """One way of finding a gain. Each verb returns None, or raises NoDesignError, where it finds none."""
+
+    def at(self, question: Question) -> Candidate | None:
+        """A gain for the question's law."""
+        return None
+
+    def longest(self, question: Question) -> Candidate | None:
+        """The gain of the longest period; the question's own is the least acceptable."""
+        return None
+
+    def fastest(self, question: Question) -> Candidate | None:
+        """The gain of the largest rate under the question's law."""
+        return None
+
+
+class Card(judge.Card, Protocol):
+    """What is asked of a family's card.
+
+    rate_share: under max_period the rate is at least this over the period. with_rates: whether the certificate kept
+    for the law is the fastest that is found.
+    """
+
+    objective: Any
+    rate_share: ClassVar[float]
+    with_rates: ClassVar[bool]
+
+    @property
+    def name(self) -> str: ...
+
+    def given(self) -> Mapping[str, ExactMatrix | None]: ...
+
+    def gain_searches(self, question: Question) -> Sequence[GainSearch]: ...
+
+    def rungs(self, question: Question) -> Sequence[Rung]:
+        """The lines of the ladder that are asked for a certificate."""
+
+    def refuses(self, plant: Plant) -> str | None:
+        """Why no gain is looked for."""
+
+    def why_nothing(self, question: Question) -> str:
+        """Why a search found no gain."""
+
+    def beyond(self, question: Question, own: Sequence[Method]) -> tuple[list[Certificate], dict[str, Any]]:
+        """What else is worth keeping: certificates of other gains, laws that no gain survives, the report's details."""
+
+
+def synthesize(card: Card, plant: Plant, effort: int) -> Design:
+    """The given gain or one found for the objective, with its certificates; outcome `none` with a reason where no gain
+    is found. Uses the solver."""
+    return _Synthesis(card, plant, effort).run()
+
+
+class _Synthesis:
+    def __init__(self, card: Card, plant: Plant, effort: int) -> None:
+        self.card, self.plant = card, plant
+        self.given = card.given()[card.letter]
+        self.question = card.question(plant, {card.letter: self.given} if self.given is not None else {}, effort)
+
+    def run(self) -> Design:
+        hidden = unseen(self.plant)
+        reason = hidden.sentence(self.plant) if hidden is not None else self.card.refuses(self.plant)
+        if self.given is not None and hidden is not None and hidden.period is None:  # no period to look for
+            return self._design("given", self.plant.sampling, self.given)
+        try:
+            if self.given is not None:
+                law = self._longest_law() if self.card.objective == "max_period" else self.plant.sampling
+                return self._certified("given", Candidate(self.given, law), ())
+            if reason is None:
+                candidates = self._candidates()
+                if candidates:
+                    best = max(candidates, key=lambda candidate: candidate.merit)
+                    return self._certified("found", best, [one for one in candidates if one is not best])
+                reason = self.card.why_nothing(self.question)
+        except NoDesignError as none:
+            reason = str(none)
+        beyond, details = self.card.beyond(self.question, ()) if hidden is None else ([], {})
+        return self._design("none", self.plant.sampling, None, beyond, details, reason)
+
+    def _candidates(self) -> list[Candidate]:
+        """Under given_period the first gain found, else one from each search."""
+        question, law = self.question, self.plant.sampling
+        searches = self.card.gain_searches(question)
+        match self.card.objective:
+            case "max_period":
+                longest = [way.longest(question) for way in searches]
+                return [one for one in longest if one is not None and law.T_max.is_at_most(one.law.T_max)]
+            case "decay_rate":
+                return [one for one in (way.fastest(question) for way in searches) if one is not None]
+        first = next((met for met in (way.at(question) for way in searches) if met is not None), None)
+        return [] if first is None else [first]
+
+    def _longest_law(self) -> SamplingLaw:
+        """The longest law proved for the given gain, the typed one at least."""
+        question, law = self.question, self.plant.sampling
+        if resets(question.inclusion):
+            return law
+        laws = [law]
+        for rung in self.card.rungs(question):
+            longest = rung.longest(question.afresh(), self.card.rate_share)
+            laws += [law.with_period(longest.law.T_max)] if longest is not None else []
+        return max(laws, key=lambda one: float(one.T_max))
+
+    def _certified(self, outcome: Outcome, best: Candidate, others: Iterable[Candidate]) -> Design:
+        letter = self.card.letter
+        question = self.question.with_gain({letter: best.gain}).under(best.law)
+        own = [best.method] if best.method is not None else []
+        done = best.method.rung if best.method is not None else ""
+        for rung in self.card.rungs(question):
+            if rung.name != done:
+                about = question.afresh()
+                here = fastest(rung, about) if self.card.with_rates else rung.propose(about)
+                own += [here] if here is not None else []
+        if not (resets(question.inclusion) and any(isinstance(method, DeadBeat) for method in own)):
+            for rung in self.card.rungs(question):
+                if rung.name != done or self.card.objective != "max_period":
+                    longest = rung.longest(question.afresh())
+                    own += [longest] if longest is not None else []
+        certificates = [method.certificate() for method in own]
+        certificates += [one.method.certificate({letter: one.gain}) for one in others if one.method is not None]
+        beyond, details = self.card.beyond(question, own)
+        return self._design(outcome, best.law, best.gain, [*certificates, *beyond], details)
+
+    def _design(
+        self,
+        outcome: Outcome,
+        law: SamplingLaw,
+        gain: ExactMatrix | None,
+        certificates: Iterable[Certificate] = (),
+        details: Mapping[str, Any] | None = None,
+        reason: str | None = None,
+    ) -> Design:
+        letter = self.card.letter
+        kept: dict[str, Certificate] = {}
+        for certificate in certificates:
+            about = (certificate.data.get(letter), certificate.data.get("sigma"))
+            kept.setdefault(f"{certificate.method} {certificate.sampling} {about}", certificate)
+        held = {} if gain is None else {letter: gain}
+        return Design(self.card.name, outcome, law, held, tuple(kept.values()), None, reason, details=details or {})

@@ -1,0 +1,303 @@
+"""The verdict, once for every family with a constant gain: stored certificates, proved again, become claims; the
+ladder of methods, the bracket of the period, and the one conclusion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Protocol
+
+from cdobs_cli.certificate import Bound, Certificate, Check, Claim, Status, Witness
+from cdobs_cli.certify.bracket import smallest_refuted
+from cdobs_cli.certify.falsify import refute, slowest_decay
+from cdobs_cli.certify.levels import Level
+from cdobs_cli.certify.linear import is_linear, stable_intervals
+from cdobs_cli.certify.methods.base import Method, Proof, Question, read
+from cdobs_cli.certify.methods.dead_beat import DeadBeat, resets
+from cdobs_cli.certify.unseen import Unseen, unseen
+from cdobs_cli.design import Design
+from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text, text_below, upper_text
+from cdobs_cli.plant import Plant
+from cdobs_cli.sampling import SamplingLaw
+
+CONVERGENCE = "convergence"
+_UNSEEN = "unseen direction"
+
+
+class Card(Protocol):
+    """What is asked of a family's card."""
+
+    letter: ClassVar[str]
+    error_source: ClassVar[str]
+
+    def methods(self) -> tuple[type[Method], ...]:
+        """The methods whose certificates its designs may hold."""
+
+    def question(self, plant: Plant, gain: Mapping[str, ExactMatrix], effort: int) -> Question:
+        """The error system of a gain under the plant's law; of a zero gain where none is given."""
+
+    def claims_beside(self, judged: Judgement) -> tuple[list[Claim], dict[str, Bound]]:
+        """What only this family's paper says of a design."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A stored certificate, what is proved of it, and the gain it is about where that is not the design's."""
+
+    method: Method
+    proof: Proof
+    gain: Mapping[str, ExactMatrix] | None
+
+    @property
+    def own(self) -> bool:
+        return self.gain is None
+
+    @property
+    def T(self) -> Exact:
+        return self.method.law.T_max
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A design on its way to its claims: the question about its gain under its law, and its certificates judged."""
+
+    card: Card
+    design: Design
+    question: Question
+    items: tuple[Judged, ...]
+
+    @property
+    def law(self) -> SamplingLaw:
+        return self.design.sampling
+
+    @property
+    def plant(self) -> Plant:
+        return self.question.plant
+
+    @property
+    def here(self) -> list[Judged]:
+        """Of the design's gain and its very law, of each claim the best proved first."""
+        own = [item for item in self.converging if item.own and item.method.law == self.law]
+        return sorted(own, key=lambda item: (not item.proof.holds, -float(item.proof.rate.lower())))
+
+    @property
+    def converging(self) -> list[Judged]:
+        return [item for item in self.items if item.method.reach == "convergence"]
+
+    @property
+    def covering(self) -> list[Judged]:
+        """Proved of the design's gain for every sequence of periods of its law."""
+        return [item for item in self.converging if item.own and item.proof.holds and item.method.covers.contains(self.law)]
+
+    @property
+    def usable(self) -> list[Judged]:
+        """Proved for the design's law with its period replaced, of this gain or another."""
+        proved = [item for item in self.converging if item.proof.holds]
+        return [item for item in proved if item.method.covers.contains(self.law.with_period(item.T))]
+
+    @property
+    def hopeless(self) -> list[Judged]:
+        """Proofs that every gain fails, for laws that the design's law at some period holds."""
+        proved = [item for item in self.items if item.method.reach == "no gain" and item.proof.holds]
+        return [item for item in proved if self.law.with_period(item.T).contains(item.method.law)]
+
+
+def judge(card: Card, plant: Plant, design: Design, effort: int) -> Check:
+    """All claims and bounds of a design under the law that it is for."""
+    law, gain = design.sampling, design.gain
+    plant = replace(plant, sampling=law)
+    has_gain = design.outcome != "none" and card.letter in gain and gain[card.letter].shape == (plant.n, plant.p)
+    question = card.question(plant, gain if has_gain else {}, effort)
+    judgement = Judgement(card, design, question, tuple(_judged(card, question, design.certificates)))
+    hidden = unseen(plant)
+    if not has_gain:
+        return _without_gain(judgement, hidden)
+    beside, beside_bounds = card.claims_beside(judgement)
+    claims = _certificate_claims(judgement)
+    bounds = _bounds(judgement)
+    lost = _lost_by_every_gain(judgement, bounds)
+    if hidden is not None:
+        lost.append(_every_gain(f"Every gain fails: {hidden.sentence(plant)}."))
+    conclusion = _conclusion(judgement, hidden, claims)
+    unique = {claim.id: claim for claim in reversed((conclusion, *claims, *beside, *lost, *_intervals(question)))}
+    return Check(tuple(reversed(unique.values())), bounds | beside_bounds)
+
+
+def _judged(card: Card, question: Question, certificates: Sequence[Certificate]) -> list[Judged]:
+    items = []
+    for certificate in certificates:
+        stored = read(certificate, card.methods(), (card.letter,))
+        if stored is None:
+            continue
+        gain = stored.gain
+        if gain is not None and gain[card.letter].shape != (question.plant.n, question.plant.p):
+            continue
+        about = question if gain is None else question.with_gain(gain)
+        items.append(Judged(stored.method, stored.method.prove(about), gain))
+    return items
+
+
+def _convergence(judgement: Judgement, status: Status, statement: str, **more: Any) -> Claim:
+    return Claim(
+        CONVERGENCE, "consequence", status, statement, judgement.card.error_source, required=True, **more
+    )  # fmt: skip
+
+
+def _every_gain(statement: str, method: str = _UNSEEN) -> Claim:
+    return Claim("every_gain", "certificate", "proved", statement, "exact rational arithmetic", method=method)
+
+
+def _without_gain(judgement: Judgement, hidden: Unseen | None) -> Check:
+    """No gain to speak of: refuted where none helps, else open for the reason that the search gave."""
+    law, plant = judgement.law, judgement.plant
+    defeated = next((item for item in judgement.hopeless if law.contains(item.method.law)), None)
+    reason = judgement.design.reason or "the stored gain does not fit the plant"
+    witness: Witness | None = None
+    ends = [item.T for item in judgement.hopeless]
+    if defeated is not None:
+        reason = "no gain survives this sampling law"
+        witness = Witness("vector", "class", data=dict(defeated.method.certificate().data))
+    if hidden is not None:
+        reason, witness = hidden.sentence(plant), hidden.witness(plant)
+        ends.append(hidden.period or law.T_max)
+    bounds: dict[str, Bound] = {}
+    if ends:
+        about = witness.about if witness is not None else "class"
+        by = _UNSEEN if hidden is not None else judgement.hopeless[0].method.name
+        bounds["period_max_any_gain"] = Bound(None, _above(min(ends, key=float)), method=by, about=about)
+    status: Status = "refuted" if witness is not None else "undecided"
+    method = _UNSEEN if hidden is not None else None
+    claim = _convergence(judgement, status, f"The error converges to 0: {reason}.", method=method, witness=witness)
+    return Check((claim,), bounds)
+
+
+def _conclusion(judgement: Judgement, hidden: Unseen | None, claims: Sequence[Claim]) -> Claim:
+    """Proved by a certificate that covers the law, else refuted by a counterexample."""
+    statement = f"The error converges to 0 for every slope history in the class, sampling {judgement.law.words}."
+    covering = judgement.covering
+    if covering:
+        best = max(covering, key=lambda item: float(item.proof.rate.lower()))
+        margin = lower_text(best.proof.rate, 9) if best.proof.rate > 0 else None
+        by = best.method.rung if best.method.law == judgement.law else f"period_max.{best.method.rung}"
+        by = next((claim.id for claim in claims if claim.status == "proved" and claim.id.startswith(by)), by)
+        return _convergence(judgement, "proved", statement, margin=margin, method=best.method.name, by=by)
+    plant, question = judgement.plant, judgement.question
+    witness = hidden.witness(plant) if hidden is not None else refute(question.inclusion, question.effort)
+    if witness is None:
+        return _convergence(judgement, "undecided", statement)
+    method = _UNSEEN if witness.kind == "vector" else f"{witness.kind} slopes"
+    return _convergence(judgement, "refuted", statement, method=method, witness=witness)
+
+
+def _certificate_claims(judgement: Judgement) -> list[Claim]:
+    """Those of the design's gain and law, then of each rung the longest period for this gain and for some gain."""
+    here = judgement.here
+    claims = [claim for item in here for claim in item.method.claims(judgement.question, item.proof)]
+    others = [item for item in judgement.converging if item not in here]
+    for item in sorted(others, key=lambda item: (not item.proof.holds, -float(item.T))):
+        whose, name = ("This", "period_max") if item.own else ("Some", "period_max_any_gain")
+        claims.append(
+            Claim(
+                f"{name}.{item.method.rung}", "certificate", "proved" if item.proof.holds else "undecided",
+                f"{whose} gain converges, sampling {item.method.covers.words}.", item.method.source,
+                margin=lower_text(item.proof.rate, 6) if item.proof.rate > 0 else None, method=item.method.name,
+            )
+        )  # fmt: skip
+    return claims
+
+
+def _bounds(judgement: Judgement) -> dict[str, Bound]:
+    """The bracket of the period with its ladder of methods, of all gains met, and the rate under the law."""
+    question, law, usable = judgement.question, judgement.law, judgement.usable
+    own = [item for item in usable if item.own]
+    about = "this gain" if law.is_periodic else f"this gain, periods from {law.T_min}"
+    bounds: dict[str, Bound] = {}
+    if any(isinstance(item.method, DeadBeat) for item in own) and resets(question.inclusion):
+        for name in ("period_max", "period_max_any_gain"):
+            bounds[name] = Bound("inf", None, "s", DeadBeat.name, "one sample erases every error, whatever the period")
+    else:
+        best = _longest(own)
+        failing = smallest_refuted(lambda T: question.at(T).inclusion, None if best is None else best.T, question.effort)
+        refuted = None if failing is None else _above(failing[0])
+        if best is not None or refuted is not None:
+            bounds["period_max"] = _period(best, refuted, about)
+        for rung in dict.fromkeys(item.method.rung for item in own):
+            bounds[f"period_max.{rung}"] = _period(_longest([i for i in own if i.method.rung == rung]), refuted, about)
+        some = _longest(usable)
+        ends = [item.T for item in judgement.hopeless]
+        if some is not None or ends:
+            lost = _above(min(ends, key=float)) if ends else None
+            bounds["period_max_any_gain"] = _period(some, lost, "some gain proved, every gain refuted" if ends else "some gain")
+    fastest = max((item.proof.rate for item in judgement.covering), key=lambda rate: float(rate.lower()), default=None)
+    slowest = slowest_decay(question.inclusion)
+    known = fastest is not None and fastest > 0
+    if known or slowest is not None:
+        bounds["decay_rate"] = Bound(
+            lower_text(fastest, 9) if fastest is not None and known else None,
+            upper_text(slowest, 9) if slowest is not None else None,
+            "1/s", None, "this gain under its law",
+        )  # fmt: skip
+    return bounds
+
+
+def _period(item: Judged | None, refuted: str | None, about: str) -> Bound:
+    proved, method = (None, None) if item is None else (text_below(item.T), item.method.rung)
+    return Bound(proved, refuted, "s", method, about)
+
+
+def _longest(items: list[Judged]) -> Judged | None:
+    return max(items, key=lambda item: float(item.T), default=None)
+
+
+def _above(T: Exact) -> str:
+    """A decimal not below T: T itself where it is one."""
+    return upper_text(T.ball()) if T.rational is None or "/" in str(T) else str(T)
+
+
+def _lost_by_every_gain(judgement: Judgement, bounds: dict[str, Bound]) -> list[Claim]:
+    """Where a method that is exact proved some gain: every gain fails just above it. Completes the bracket."""
+    best = _longest([item for item in judgement.usable if item.method.exact])
+    bound = bounds.get("period_max_any_gain")
+    lost = None if best is None else best.method.lost_by_every_gain(judgement.question)
+    if best is None or bound is None or lost is None or float(lost[0]) <= float(bound.proved or 0):
+        return []
+    T, statement = lost
+    about = "some gain proved, every gain refuted"
+    bounds["period_max_any_gain"] = replace(bound, refuted=str(T), about=about)
+    name, source = "period_max_any_gain.refuted", best.method.source
+    return [Claim(name, "certificate", "proved", statement, source, method="cells of gains in balls")]
+
+
+def _intervals(question: Question) -> list[Claim]:
+    """For a linear plant: the constant periods that this gain survives, lost and regained as they grow."""
+    T = float(question.law.T_max)
+    intervals = stable_intervals(question.inclusion, T / 1000, 20 * T) if is_linear(question.inclusion) else []
+    if not intervals:
+        return []
+    listed = ", ".join(f"[{interval.low}, {interval.high}]" for interval in intervals[:12])
+    statement = f"The error converges at every constant period in {listed}."
+    how = "spectral radius, balls of periods"
+    return [Claim("period_max.intervals", "certificate", "proved", statement, "spectral radius of the sampled error", method=how)]
+
+
+def _covering(card: Card, plant: Plant, design: Design) -> tuple[Question, list[Judged]]:
+    plant = replace(plant, sampling=design.sampling)
+    question = card.question(plant, design.gain, 0)
+    judgement = Judgement(card, design, question, tuple(_judged(card, question, design.certificates)))
+    return question, judgement.covering
+
+
+def levels(card: Card, plant: Plant, design: Design) -> list[Level]:
+    """Level sets of the error, of the certificates that cover the design's law."""
+    question, covering = _covering(card, plant, design)
+    met = [item.method.level(question) for item in covering]
+    return [level for level in met if level is not None]
+
+
+def envelope(card: Card, plant: Plant, design: Design) -> dict[str, float] | None:
+    """|e(t)| <= factor |e(0)| exp(-rate t), from the certificates that cover the law; the fastest that has one."""
+    question, covering = _covering(card, plant, design)
+    met = [(item.method.factor(question), float(item.proof.rate.lower())) for item in covering]
+    bounds = [{"factor": factor, "rate": rate} for factor, rate in met if factor is not None]
+    return max(bounds, key=lambda bound: (bound["rate"], -bound["factor"]), default=None)

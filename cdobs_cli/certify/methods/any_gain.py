@@ -1,0 +1,199 @@
+"""Periods that no gain survives: constant slopes, constant periods, and Farkas' lemma over the gain.
+
+With one output the characteristic polynomial of the sampled error, p(z) = det(z I - Phi + Gamma L C), is
+affine in L. Each condition below is necessary for all roots in the open disc and affine in L too; a positive
+combination of them that is a constant <= 0 shows that every L breaks one of them, at one of the slopes and
+periods used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+from math import comb
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from flint import arb, arb_mat
+
+from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
+from cdobs_cli.exact.matrix import Matrix, block
+from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.plant import Plant
+from cdobs_cli.sampling import SamplingLaw
+
+_MOST_ENTRIES = 6
+
+
+@dataclass(frozen=True)
+class NoGain(Method):
+    """faces: n + 1 conditions of which every gain breaks one."""
+
+    faces: list[dict[str, Any]]
+
+    name: ClassVar[str] = "any_gain"
+    rung: ClassVar[str] = "any_gain"
+    source: ClassVar[str] = "Farkas' lemma over the gain"
+    how: ClassVar[str] = "multipliers enclosed in balls"
+    statement: ClassVar[str] = "Every gain fails"
+    reach: ClassVar[Reach] = "no gain"
+
+    @classmethod
+    def applies(cls, question: Question) -> bool:
+        """One output, few slopes that vary."""
+        return question.plant.p == 1 and len(question.plant.slopes.uncertain) <= _MOST_ENTRIES
+
+    @classmethod
+    def propose(cls, question: Question) -> Self | None:
+        from scipy.optimize import linprog
+
+        if not cls.applies(question):
+            return None
+        view, plant, law = question.inclusion.view_balls, question.plant, question.law
+        faces: list[Face] = []
+        b: list[float] = []
+        a: list[list[float]] = []
+        for period in _periods(law):
+            for slopes in _slopes(plant, question.effort):
+                polynomials = sampled_polynomials(view.flow(v.scalar for v in slopes), view.C, period)
+                for kind, order in kinds(plant.n):
+                    offset, row = affine(polynomials, kind, order)
+                    faces.append(Face(kind, order, slopes, period))
+                    b.append(float(arb(offset).mid()))
+                    a.append([float(arb(value).mid()) for value in row])
+        offsets, matrix = np.array(b), np.array(a)
+        columns = np.abs(matrix).max(axis=0)
+        if not np.all(np.isfinite(matrix)) or not np.all(np.isfinite(offsets)) or not np.all(columns > 0):
+            return None
+        matrix = matrix / columns
+        sizes = np.abs(matrix).sum(axis=1) + np.abs(offsets)
+        # A condition that no gain moves and that holds with equality: nothing to weigh.
+        kept = np.flatnonzero(sizes > 0)
+        matrix, offsets = matrix[kept] / sizes[kept, None], offsets[kept] / sizes[kept]
+        rows, right = np.vstack([matrix.T, np.ones(len(kept))]), np.append(np.zeros(plant.n), 1.0)
+        weights = linprog(offsets, A_eq=rows, b_eq=right, method="highs-ds")
+        if weights.status != 0 or weights.x is None or float(offsets @ weights.x) > 1e-12:
+            return None
+        support = cls(law, [faces[kept[k]].document() for k in np.flatnonzero(weights.x > 1e-12)])
+        return support if support.prove(question).holds else None
+
+    def _prove(self, question: Question) -> Proof:
+        """The faces are n + 1 conditions b_k + a_k L > 0 at slopes of the box and periods of the law; multipliers
+        with sum lambda_k a_k = 0 are enclosed, and lambda_k > 0, sum lambda_k b_k <= 0 proved."""
+        plant, view = question.plant, question.inclusion.view_balls
+        faces, n = [Face.from_document(face) for face in self.faces], plant.n
+        if plant.p != 1 or len(faces) != n + 1 or not all(face.is_of(plant, self.law) for face in faces):
+            return NOTHING
+        rows = []
+        for face in faces:
+            polynomials = sampled_polynomials(view.flow(v.scalar for v in face.slopes), view.C, face.period)
+            rows.append(affine(polynomials, face.kind, face.order))
+        a = Matrix.from_rows([[arb(rows[k][1][i]) for k in range(n)] for i in range(n)])
+        last = Matrix.from_rows([[-arb(value)] for value in rows[n][1]])
+        multipliers = [arb(a.solve(last)[k, 0]) for k in range(n)] + [arb(1)]
+        total = sum((weight * row[0] for weight, row in zip(multipliers, rows, strict=True)), arb(0))
+        return Proof.of(all(weight > 0 for weight in multipliers) and bool(total <= 0))
+
+
+@dataclass(frozen=True)
+class Face:
+    """One necessary condition at constant slopes and a constant period.
+
+    kind `plus`: p^(order)(1) > 0; `minus`: (-1)^(n - order) p^(order)(-1) > 0 (roots of derivatives stay in the
+    disc); `below`, `above`: the coefficient of z^(n - order) lies in (-1, 1) times binomial(n, order).
+    """
+
+    kind: str
+    order: int
+    slopes: tuple[Exact, ...]
+    period: Exact
+
+    def is_of(self, plant: Plant, law: SamplingLaw) -> bool:
+        """Whether its slopes lie in the plant's box and its period in the law."""
+        slopes, entries = plant.slopes, plant.slopes.uncertain
+        return (
+            len(self.slopes) == len(entries)
+            and all(
+                slopes.lower[entry].is_at_most(v) and v.is_at_most(slopes.upper[entry])
+                for entry, v in zip(entries, self.slopes, strict=True)
+            )
+            and self.period.sign() == 1
+            and law.contains(SamplingLaw.periodic(self.period))
+            and (self.kind, self.order) in set(kinds(plant.n))
+        )
+
+    def document(self) -> dict[str, Any]:
+        return {"kind": self.kind, "order": self.order, "slopes": [str(v) for v in self.slopes], "period": str(self.period)}
+
+    @staticmethod
+    def from_document(document: dict[str, Any]) -> Face:
+        """Raises: KeyError, ValueError, ExpressionError on what `document` did not write."""
+        slopes = tuple(Exact(v) for v in document["slopes"])
+        return Face(str(document["kind"]), int(document["order"]), slopes, Exact(document["period"]))
+
+
+def kinds(n: int) -> Iterator[tuple[str, int]]:
+    """All conditions for degree n."""
+    for order in range(n):
+        yield "plus", order
+        yield "minus", order
+    for order in range(1, n + 1):
+        yield "below", order
+        yield "above", order
+
+
+def condition(coefficients: Sequence[Any], kind: str, order: int) -> Any:
+    """The value that must be positive, from the coefficients of p (highest power first)."""
+    n = len(coefficients) - 1
+    if kind in ("plus", "minus"):
+        z = 1 if kind == "plus" else -1
+        total: Any = 0
+        for power in range(order, n + 1):
+            falling = comb(power, order) * (z ** (power - order)) * (z ** (n - order))
+            total = coefficients[n - power] * falling + total
+        return total
+    return comb(n, order) - coefficients[order] if kind == "below" else comb(n, order) + coefficients[order]
+
+
+def affine(coefficients: Sequence[Sequence[Any]], kind: str, order: int) -> tuple[Any, list[Any]]:
+    """The condition as b + a L: from the coefficients of p at L = 0 and at the n unit gains."""
+    b = condition(coefficients[0], kind, order)
+    return b, [condition(row, kind, order) - b for row in coefficients[1:]]
+
+
+def sampled_polynomials(A_i: Matrix, C: Matrix, T: Exact) -> list[list[arb]]:
+    """Coefficients of p, highest power first, at L = 0 and at each unit gain, enclosed.
+
+    Phi and Gamma (the integral of exp(A_i s) over a period) from exp([[A_i, I], [0, 0]] T).
+    """
+    n = A_i.shape[0]
+    identity = Matrix.identity(n)
+    flow = block([[A_i, identity], [identity * 0, identity * 0]]).exp(T.scalar)
+    Phi, Gamma = flow[:n, :n], flow[:n, n:]
+    maps = [Phi] + [Phi - Gamma @ identity[:, k] @ C for k in range(n)]
+    return [_characteristic(arb_mat(M.arb)) for M in maps]
+
+
+def _characteristic(M: arb_mat) -> list[arb]:
+    polynomial = M.charpoly()
+    return [polynomial[k] for k in range(M.nrows(), -1, -1)]
+
+
+def _periods(law: SamplingLaw) -> list[Exact]:
+    """The largest period, and for an interval some below it."""
+    if law.is_periodic or law.T_max.rational is None or law.T_min.rational is None:
+        return [law.T_max]
+    low, high = law.T_min.rational, law.T_max.rational
+    return [law.T_max, *(Exact(low + (high - low) * k / 4) for k in (1, 2, 3))]
+
+
+def _slopes(plant: Plant, effort: int) -> list[tuple[Exact, ...]]:
+    """The corners of the slope box, and with one or two entries a grid inside it."""
+    entries = plant.slopes.uncertain
+    count = {0: 1, 1: 8 * 2**effort, 2: 4}.get(len(entries), 1)
+    choices = []
+    for entry in entries:
+        low, high = plant.slopes.lower[entry], plant.slopes.upper[entry]
+        choices.append([low, *(low + (high - low) * Exact(f"{k}/{count}") for k in range(1, count)), high])
+    return list(product(*choices))

@@ -1,0 +1,109 @@
+"""A rung of the ladder: methods that answer the same question in different cases, the first that proves decides."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Protocol
+
+from cdobs_cli.certify import search
+from cdobs_cli.certify.linear import is_linear
+from cdobs_cli.certify.methods.base import Method, Question
+from cdobs_cli.certify.methods.clock.certificate import Clock
+from cdobs_cli.certify.methods.common_quadratic import CommonQuadratic, is_linear_loop, longest_aperiodic
+from cdobs_cli.certify.methods.dead_beat import DeadBeat, resets
+from cdobs_cli.certify.methods.polygon import Polygon
+from cdobs_cli.certify.methods.spectral import SpectralRadius
+from cdobs_cli.exact.numbers import Exact
+
+_RATE_WIDTH = Fraction(1, 200)
+_RATE_DIGITS = 6
+
+
+class Rung(Protocol):
+    """What is asked of a line of the ladder."""
+
+    @property
+    def name(self) -> str: ...
+
+    def propose(self, question: Question) -> Method | None:
+        """A proved certificate at the question's law and rate."""
+
+    def longest(self, question: Question, share: float = 0.0) -> Method | None:
+        """The certificate of the longest period found for the question's gain, at the rate `share` over the period."""
+
+
+@dataclass(frozen=True)
+class One:
+    """A rung of one method."""
+
+    method: type[Method]
+
+    @property
+    def name(self) -> str:
+        return self.method.rung
+
+    def propose(self, question: Question) -> Method | None:
+        return self.method.propose(question) if self.method.applies(question) else None
+
+    def longest(self, question: Question, share: float = 0.0) -> Method | None:
+        return longest_at(self, question, share) if share else self.method.longest(question)
+
+
+@dataclass(frozen=True)
+class General:
+    """The certificates that need no structure: a dead beat needs no search; a linear error system sampled
+    periodically is decided by its spectral radius, under an interval of periods by forms of its sampled error; else
+    the clock-dependent function."""
+
+    name: str = "clock"
+    methods: tuple[type[Method], ...] = (DeadBeat, SpectralRadius, CommonQuadratic, Polygon, Clock)
+
+    def propose(self, question: Question) -> Method | None:
+        proposals = (method.propose(question) for method in self.methods if method.applies(question))
+        return next((proposal for proposal in proposals if proposal is not None), None)
+
+    def longest(self, question: Question, share: float = 0.0) -> Method | None:
+        if share:
+            return longest_at(self, question, share)
+        if resets(question.inclusion):
+            return DeadBeat.longest(question)
+        if is_linear(question.inclusion):
+            return SpectralRadius.longest(question)
+        if is_linear_loop(question) and question.inclusion.balls.jump.is_rational:
+            return longest_aperiodic(self.propose, question)
+        return longest_at(self, question)
+
+
+GENERAL = General()
+
+
+def longest_at(rung: Rung, question: Question, share: float = 0.0, *, quick: bool = False) -> Method | None:
+    """The certificate of the longest period found, at the rate `share` over the period; unless its proofs are quick,
+    the walk is at effort 0."""
+
+    def prove(about: Question) -> Callable[[Exact], Method | None]:
+        return lambda T: rung.propose(about.at(T).with_rate(rate_over(T, share)))
+
+    glance = None if quick else prove(question.with_effort(0))
+    width = search.tolerance(question.effort, quick=quick)
+    return search.longest(prove(question), question.law.T_max, width, glance=glance)
+
+
+def rate_over(T: Exact, share: float) -> Fraction:
+    """The rate `share` over a period, in six digits."""
+    return search.short(share / float(T), _RATE_DIGITS).rational or Fraction(0) if share else Fraction(0)
+
+
+def fastest(rung: Rung, question: Question, width: Fraction = _RATE_WIDTH) -> Method | None:
+    """The certificate of the largest rate found under the question's own law."""
+    at_rest = rung.propose(question.with_rate(Fraction(0)))
+    if at_rest is None or float(at_rest.prove(question).rate) == float("inf"):
+        return at_rest
+
+    def prove(sigma: Exact) -> Method | None:
+        return rung.propose(question.with_rate(sigma.rational or Fraction(0)))
+
+    first = search.short(0.5 / float(question.law.T_max), _RATE_DIGITS)
+    return search.longest(prove, first, width, digits=_RATE_DIGITS) or at_rest

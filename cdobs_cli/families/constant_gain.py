@@ -1,0 +1,100 @@
+"""Observers with one constant gain: the verbs of a family, from its error system and its methods alone."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
+
+from cdobs_cli.families.base import Family
+
+if TYPE_CHECKING:
+    from cdobs_cli.bounds.estimate import Transient
+    from cdobs_cli.certificate import Bound, Certificate, Check, Claim
+    from cdobs_cli.certify.design import GainSearch
+    from cdobs_cli.certify.judge import Judgement
+    from cdobs_cli.certify.methods.base import Method, Question
+    from cdobs_cli.certify.methods.rung import Rung
+    from cdobs_cli.design import Design
+    from cdobs_cli.exact.numbers import ExactMatrix
+    from cdobs_cli.plant import Plant
+
+
+class ConstantGain(Family):
+    """Subclasses give the error system (`inclusion`, which reads the gain by its `letter`), the observer's equations,
+    the methods, and the ways of finding a gain; `certify.design` and `certify.judge` do the rest.
+
+    letter: the gain's, shape (n, p). error_source: where the error system stands. rate_share: under max_period the
+    rate is at least this over the period. with_rates: whether the certificate kept is the fastest that is found.
+    """
+
+    objective: Literal["given_period", "max_period", "decay_rate"]
+    letter: ClassVar[str] = "K"
+    error_source: ClassVar[str]
+    rate_share: ClassVar[float] = 0.0
+    with_rates: ClassVar[bool] = False
+
+    @abstractmethod
+    def methods(self) -> tuple[type[Method], ...]:
+        """The methods whose certificates its designs may hold."""
+
+    @abstractmethod
+    def gain_searches(self, question: Question) -> Sequence[GainSearch]:
+        """Ways of finding a gain, the first choice first."""
+
+    def rungs(self, question: Question) -> Sequence[Rung]:
+        """The lines of the ladder that are asked for a certificate."""
+        from cdobs_cli.certify.methods.rung import GENERAL
+
+        return (GENERAL,)
+
+    def refuses(self, plant: Plant) -> str | None:
+        """Why no gain is looked for."""
+        return None
+
+    def why_nothing(self, question: Question) -> str:
+        """Why a search found no gain."""
+        return f"no gain with a proof was found at T = {question.law.T_max}; more effort, a shorter period or smaller slopes may help"
+
+    def beyond(self, question: Question, own: Sequence[Method]) -> tuple[list[Certificate], dict[str, Any]]:
+        """What else a design keeps: certificates of other gains, laws that no gain survives; the report's details."""
+        return [], {}
+
+    def claims_beside(self, judgement: Judgement) -> tuple[list[Claim], dict[str, Bound]]:
+        """What only this family's paper says of a design."""
+        return [], {}
+
+    def question(self, plant: Plant, gain: Mapping[str, ExactMatrix], effort: int) -> Question:
+        """The error system of a gain under the plant's law; of a zero gain where none is given."""
+        from cdobs_cli.certify.methods.base import Question
+
+        return Question(self.inclusion(plant, gain or self._nothing(plant)), effort=effort, card=self)
+
+    def _nothing(self, plant: Plant) -> dict[str, ExactMatrix]:
+        from cdobs_cli.exact.numbers import ExactMatrix
+
+        return {self.letter: ExactMatrix([[0] * plant.p for _ in range(plant.n)])}
+
+    def given(self) -> Mapping[str, ExactMatrix | None]:
+        gain = getattr(self, "gain", None)
+        return {self.letter: getattr(gain, self.letter) if gain else None}
+
+    def synthesize(self, plant: Plant, effort: int) -> Design:
+        from cdobs_cli.certify.design import synthesize
+
+        return synthesize(self, plant, effort)
+
+    def certify(self, plant: Plant, design: Design, effort: int) -> Check:
+        from cdobs_cli.certify.judge import judge
+
+        return judge(self, plant, design, effort)
+
+    def transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
+        from cdobs_cli.certify.judge import levels
+
+        return tuple(level.bounds for level in levels(self, plant, design))
+
+    def envelope(self, plant: Plant, design: Design, check: Check) -> Mapping[str, Any] | None:
+        from cdobs_cli.certify.judge import envelope
+
+        return envelope(self, plant, design)
