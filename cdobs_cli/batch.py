@@ -56,7 +56,9 @@ def jobs(paths: Iterable[Path], out: Path, *, writing: bool = True) -> list[Job]
                 continue
             owner = owners.setdefault(job.folder, job.spec) if job.refused is None else job.spec
             if writing and owner.resolve() != job.spec.resolve():
-                told = f"{owner} has its results in {job.folder} already; give one of them another name or another --out"
+                told = (
+                    f"{owner} has its results in {job.folder} already; give one of them another name or another --out"
+                )
                 job = replace(job, refused=told)
             elif owner != job.spec and owner.resolve() == job.spec.resolve():
                 continue  # the same file by another name
@@ -72,7 +74,9 @@ def _below(top: Path, out: Path) -> list[Job]:
         refused.append(Job(Path(error.filename or top), out, f"cannot be read: {error.strerror or error}"))
 
     for place, folders, files in os.walk(top, onerror=unreadable):
-        folders[:] = sorted(name for name in folders if not name.startswith(".") and (Path(place) / name).resolve() != results)
+        folders[:] = sorted(
+            name for name in folders if not name.startswith(".") and (Path(place) / name).resolve() != results
+        )
         for name in files:
             if name.endswith(SPEC_SUFFIXES) and not name.startswith(".") and not name.endswith(PLANT_SUFFIXES):
                 specs.append(Path(place) / name)
@@ -108,7 +112,10 @@ def run(job: Job, stages: tuple[str, ...], settings: Settings, tell: Tell | None
     except (Exception, RecursionError, MemoryError) as error:
         if settings.verbose:
             _show_where(error)
-        result = failure(str(job.spec), f"internal error, {type(error).__name__}: {error}; please report it (-v prints where it happened)")
+        result = failure(
+            str(job.spec),
+            f"internal error, {type(error).__name__}: {error}; please report it (-v prints where it happened)",
+        )
     return replace(result, seconds=time.perf_counter() - start)
 
 
@@ -179,8 +186,14 @@ def _told(work: Work, job: Job, stages: tuple[str, ...], settings: Settings, see
     from cdobs_cli.report.summary import headline, summary_lines
 
     report = report_model(work, {})
-    expected = tuple(Problem(outcome.expectation.field, "").path for outcome in decided(work.spec, documents(work), seen))
-    told: dict[str, object] = {"summary": tuple(summary_lines(report)), "headline": headline(report), "expected": expected}
+    expected = tuple(
+        Problem(outcome.expectation.field, "").path for outcome in decided(work.spec, documents(work), seen)
+    )
+    told: dict[str, object] = {
+        "summary": tuple(summary_lines(report)),
+        "headline": headline(report),
+        "expected": expected,
+    }
     if "report" in stages:
         from cdobs_cli.report.index import IndexEntry
 
@@ -189,7 +202,9 @@ def _told(work: Work, job: Job, stages: tuple[str, ...], settings: Settings, see
     return told
 
 
-def carry_out(command: str, paths: Sequence[Path], stages: tuple[str, ...], settings: Settings, console: Console) -> ExitCode:
+def carry_out(
+    command: str, paths: Sequence[Path], stages: tuple[str, ...], settings: Settings, console: Console
+) -> ExitCode:
     """Carry out a command on every spec the paths mean; the largest exit code wins, every spec is processed.
 
     After an interrupt, what has ended is told as it is, and the rest as failed.
@@ -197,7 +212,10 @@ def carry_out(command: str, paths: Sequence[Path], stages: tuple[str, ...], sett
     todo = jobs(paths, settings.out, writing=bool(stages))
     results: dict[int, Result] = {}
     interrupted = False
-    with console.following([str(job.spec) for job in todo]) as follow, closing(_each(todo, stages, settings, follow.started)) as ended:
+    with (
+        console.following([str(job.spec) for job in todo]) as follow,
+        closing(_each(todo, stages, settings, follow.started)) as ended,
+    ):
         try:
             for number, result in ended:
                 results[number] = result
@@ -243,6 +261,8 @@ def _write_index(results: list[Result], out: Path) -> None:
     rows = []
     for result in results:
         message = readable("; ".join(str(message) for message in result.messages))
-        row = result.index or IndexEntry(readable(Path(result.spec).stem), readable(result.spec), result.status, holds=False)
+        row = result.index or IndexEntry(
+            readable(Path(result.spec).stem), readable(result.spec), result.status, holds=False
+        )
         rows.append(replace(row, message=message, holds=result.status == "ok"))
     write_atomically(out / "index.html", index_page(rows))

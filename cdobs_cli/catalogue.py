@@ -24,7 +24,13 @@ class Entry:
     place: str
 
     def document(self) -> dict[str, Any]:
-        return {"name": self.name, "source": self.source, "summary": self.summary, "deviates": self.deviates, "place": self.place}
+        return {
+            "name": self.name,
+            "source": self.source,
+            "summary": self.summary,
+            "deviates": self.deviates,
+            "place": self.place,
+        }
 
 
 def catalogue() -> list[Entry]:
@@ -39,7 +45,13 @@ def catalogue() -> list[Entry]:
                 deviates = _DEVIATES.search(text)
                 place = f"{path.relative_to(package.parent)}:{node.lineno}"
                 entries.append(
-                    Entry(node.name, _line(source[1]), _line(text.split("\n\n")[0]), _line(deviates[1]) if deviates else None, place)
+                    Entry(
+                        node.name,
+                        _line(source[1]),
+                        _line(text.split("\n\n")[0]),
+                        _line(deviates[1]) if deviates else None,
+                        place,
+                    )
                 )
     return entries
 

@@ -44,12 +44,16 @@ class Plain(StrEnum):
     json = "json"
 
 
-Paths = Annotated[list[Path], typer.Argument(metavar="PATH..", help="A spec, or a directory: every *.yaml and *.yml below it.")]
+Paths = Annotated[
+    list[Path], typer.Argument(metavar="PATH..", help="A spec, or a directory: every *.yaml and *.yml below it.")
+]
 Out = Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where results go, one folder a spec.")]
 Effort = Annotated[int, typer.Option(min=0, max=3, help="Refinement of searches and counterexamples.")]
 Force = Annotated[bool, typer.Option("--force", help="Redo what is current.")]
 Jobs = Annotated[int, typer.Option(min=1, max=256, metavar="N", help="Specs at a time.")]
-TimeLimit = Annotated[float | None, typer.Option(min=0, metavar="S", help="Seconds a spec; what is not finished is undecided.")]
+TimeLimit = Annotated[
+    float | None, typer.Option(min=0, metavar="S", help="Seconds a spec; what is not finished is undecided.")
+]
 OutputFormat = Annotated[Format, typer.Option("--format", help="Format of stdout.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print findings only.")]
 Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say where an internal error happened.")]
@@ -60,7 +64,13 @@ STAGES = ("synthesize", "check", "simulate", "report")
 
 
 def _carry_out(
-    command: str, stages: tuple[str, ...], paths: list[Path], output: Format, quiet: bool, no_color: bool, **settings: object
+    command: str,
+    stages: tuple[str, ...],
+    paths: list[Path],
+    output: Format,
+    quiet: bool,
+    no_color: bool,
+    **settings: object,
 ) -> None:
     from cdobs_cli.batch import Settings, carry_out
 
@@ -71,7 +81,8 @@ def _carry_out(
 @app.callback(invoke_without_command=False)
 def options(
     version: Annotated[
-        bool, typer.Option("--version", is_eager=True, help="Print the version.", callback=lambda value: _version(value))
+        bool,
+        typer.Option("--version", is_eager=True, help="Print the version.", callback=lambda value: _version(value)),
     ] = False,
 ) -> None:
     """Design and prove observers for continuous-time plants measured at discrete instants."""
@@ -85,8 +96,12 @@ def _version(value: bool) -> None:
 
 @app.command()
 def init(
-    family: Annotated[str, typer.Argument(metavar="FAMILY", help="reachability, lpv_zoh, updated_sampling or interval.")],
-    out: Annotated[Path | None, typer.Option("-o", "--out", metavar="FILE", help="Write here instead of stdout.")] = None,
+    family: Annotated[
+        str, typer.Argument(metavar="FAMILY", help="reachability, lpv_zoh, updated_sampling or interval.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="FILE", help="Write here instead of stdout.")
+    ] = None,
 ) -> None:
     """Print a commented spec of an observer family that runs as it is."""
     from cdobs_cli.scaffold import example, write_new
@@ -101,7 +116,9 @@ def validate(
     quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
 ) -> None:  # fmt: skip
     """Read and check specs; no linear algebra."""
-    _carry_out("validate", (), paths, output, quiet, no_color, out=out, verbose=verbose, jobs=jobs, time_limit=time_limit)
+    _carry_out(
+        "validate", (), paths, output, quiet, no_color, out=out, verbose=verbose, jobs=jobs, time_limit=time_limit
+    )
 
 
 @app.command()
@@ -131,7 +148,15 @@ def simulate(
     witness: Annotated[str | None, typer.Option(metavar="ID", help="Run the counterexample of this claim instead.")] = None,
 ) -> None:  # fmt: skip
     """Run plant and observer together: simulation.npz, simulation.json, figures."""
-    more = {"out": out, "effort": effort, "force": force, "jobs": jobs, "time_limit": time_limit, "verbose": verbose, "witness": witness}
+    more = {
+        "out": out,
+        "effort": effort,
+        "force": force,
+        "jobs": jobs,
+        "time_limit": time_limit,
+        "verbose": verbose,
+        "witness": witness,
+    }
     _carry_out("simulate", ("replay",) if witness else ("simulate",), paths, output, quiet, no_color, **more)
 
 

@@ -17,7 +17,15 @@ from cdobs_cli.printable import line, printable
 if TYPE_CHECKING:
     from rich.live import Live
 
-_COLOURS = {"proved": "32", "ok": "32", "refuted": "31", "failed": "31", "invalid": "31", "undecided": "33", "finding": "33"}
+_COLOURS = {
+    "proved": "32",
+    "ok": "32",
+    "refuted": "31",
+    "failed": "31",
+    "invalid": "31",
+    "undecided": "33",
+    "finding": "33",
+}
 
 _SEVERITIES = {"error": "31", "warning": "33", "note": "36"}
 _STYLES = {"ok": "green", "finding": "yellow", "invalid": "red", "failed": "red"}
@@ -157,7 +165,11 @@ class Follow:
     def rows(self) -> Iterator[tuple[str, str, str]]:
         """(status, spec, what is known), the latest to end last, then what is running."""
         for number, result in self._ended.items():
-            yield result.status, self.specs[number], result.headline or "; ".join(message.text for message in result.messages)
+            yield (
+                result.status,
+                self.specs[number],
+                result.headline or "; ".join(message.text for message in result.messages),
+            )
         for number in self._running:
             yield "running", self.specs[number], ""
 
@@ -173,7 +185,9 @@ def count(results: list[Result]) -> str:
 
 
 def _counts(results: list[Result]) -> str:
-    counts = {status: sum(result.status == status for result in results) for status in ("ok", "finding", "invalid", "failed")}
+    counts = {
+        status: sum(result.status == status for result in results) for status in ("ok", "finding", "invalid", "failed")
+    }
     return ", ".join(f"{number} {status}" for status, number in counts.items() if number)
 
 

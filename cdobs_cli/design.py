@@ -59,7 +59,9 @@ class Confinement:
     @property
     def start_text(self) -> str:
         """`e_x(0) in [-1, 1], e_v(0) in [0, 0]`."""
-        return ", ".join(f"e_{name}(0) in [{low}, {high}]" for name, (low, high) in zip(self.margin, self.start, strict=True))
+        return ", ".join(
+            f"e_{name}(0) in [{low}, {high}]" for name, (low, high) in zip(self.margin, self.start, strict=True)
+        )
 
     def document(self) -> dict[str, Any]:
         return {"way": self.way, "margin": dict(self.margin), "start": [list(ends) for ends in self.start]}

@@ -16,7 +16,15 @@ from collections.abc import Callable, Iterable, Mapping
 from fractions import Fraction
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BeforeValidator, GetCoreSchemaHandler, PlainSerializer, PlainValidator, ValidationInfo, WithJsonSchema
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    GetCoreSchemaHandler,
+    PlainSerializer,
+    PlainValidator,
+    ValidationInfo,
+    WithJsonSchema,
+)
 from pydantic_core import PydanticCustomError, core_schema
 
 from cdobs_cli.exact.expression import Call, Expression, ExpressionError, Number, Power, Variable
@@ -51,7 +59,9 @@ def bounded(expression: Expression) -> Expression:
             raise ExpressionError("an expression that is too large once its parameters are put in")
     closed: dict[Expression, bool] = {}
     for node in expression.walk():
-        constant = not isinstance(node, Variable) and (not isinstance(node, Call) or node.function in _CONSTANT_FUNCTIONS)
+        constant = not isinstance(node, Variable) and (
+            not isinstance(node, Call) or node.function in _CONSTANT_FUNCTIONS
+        )
         closed[node] = constant and all(closed[child] for child in node.children)
         if isinstance(node, Number):
             _check_magnitude(node.value)
@@ -132,7 +142,10 @@ def _not_negative(value: Exact) -> Exact:
 
 
 _NUMBER_SCHEMA = WithJsonSchema(
-    {"anyOf": [{"type": "number"}, {"type": "string"}], "description": 'A number, or a constant expression in quotes: "sqrt(2)", "1/8".'}
+    {
+        "anyOf": [{"type": "number"}, {"type": "string"}],
+        "description": 'A number, or a constant expression in quotes: "sqrt(2)", "1/8".',
+    }
 )
 ExactNumber = Annotated[Exact, PlainValidator(_read_number), PlainSerializer(str), _NUMBER_SCHEMA]
 """A real number, exact: a decimal, an integer, or a constant expression as text."""

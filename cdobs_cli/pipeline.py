@@ -120,7 +120,9 @@ def _holds_what_is_given(work: Work, stored: Design) -> bool:
         return False
     if not _is_confined_as_typed(work, stored):
         return False
-    return given.keys() == stored.gain.keys() and all(given[letter] in (None, matrix) for letter, matrix in stored.gain.items())
+    return given.keys() == stored.gain.keys() and all(
+        given[letter] in (None, matrix) for letter, matrix in stored.gain.items()
+    )
 
 
 def _is_confined_as_typed(work: Work, stored: Design) -> bool:
@@ -188,7 +190,9 @@ def _margin_needed(work: Work, design: Design) -> dict[str, Exact]:
     bounds = min((transient(start) for transient in transients), key=lambda ends: max(float(end) for end in ends))
     if not all(bound.is_finite() for bound in bounds):
         return {}
-    return {name: Exact(upper_text(bound * _SPARE, 3)) for name, bound in zip(work.spec.plant.states, bounds, strict=True)}
+    return {
+        name: Exact(upper_text(bound * _SPARE, 3)) for name, bound in zip(work.spec.plant.states, bounds, strict=True)
+    }
 
 
 def check(work: Work) -> Check:
@@ -325,7 +329,9 @@ def _write_run(work: Work, design: Design, run: Run) -> dict[str, Any]:
     # The archive first: simulation.json, which names its digest, is what makes a run count as there.
     archive, spec = to_bytes(run), work.spec
     work.store.write_files({"simulation.npz": archive})
-    work.store.write_files(figures_of_run(work.plant(design), spec.observer, design, _stored_check(work, design), run, spec.coordinates))
+    work.store.write_files(
+        figures_of_run(work.plant(design), spec.observer, design, _stored_check(work, design), run, spec.coordinates)
+    )
     run = replace(run, digests={**_simulation_digests(work, design), ARCHIVE: hashlib.sha256(archive).hexdigest()})
     work.redone.add("simulate")
     return work.store.write("simulation.json", run.document())
@@ -359,14 +365,20 @@ def replay(work: Work, identifier: str) -> dict[str, Any]:
     name, plant = f"{witness_name(claim)}_run", work.plant(design)
     made_run: Replay | BoxReplay
     if claim.witness.kind == "box":
-        made_run = replay_box(HybridSystem(plant, work.spec.observer.observer(plant, design)), design.sampling, claim.witness)
+        made_run = replay_box(
+            HybridSystem(plant, work.spec.observer.observer(plant, design)), design.sampling, claim.witness
+        )
         chart = crossing_chart(name, identifier, plant.states, made_run.arrays())
     else:
         made_run = run_witness(work.spec.observer.inclusion(plant, design.gain), claim.witness)
         chart = replay_chart(name, identifier, made_run.arrays(), made_run.entries)
     archive = made_run.to_bytes()
     work.store.write_files({f"{name}.npz": archive, **replay_figures(chart)})
-    digests = {**_check_digests(work, design), "check": made.digests[CONTENT], ARCHIVE: hashlib.sha256(archive).hexdigest()}
+    digests = {
+        **_check_digests(work, design),
+        "check": made.digests[CONTENT],
+        ARCHIVE: hashlib.sha256(archive).hexdigest(),
+    }
     document = {"schema_version": 1, "claim": identifier, **made_run.document(), "digests": digests}
     work.simulation = work.store.write(f"{name}.json", document)
     return work.simulation
@@ -427,7 +439,13 @@ def report_model(work: Work, digests: Mapping[str, str]) -> Report:
 def _render(work: Work) -> list[Path]:
     digests = {name: document["digests"][CONTENT] for name, document in documents(work).items() if document is not None}
     # What the page shows and is not in an artefact.
-    shown = {**digests, "spec": work.spec.normalised(), "title": work.spec.title, "path": str(work.spec.source_path), "cdobs": __version__}
+    shown = {
+        **digests,
+        "spec": work.spec.normalised(),
+        "title": work.spec.title,
+        "path": str(work.spec.source_path),
+        "cdobs": __version__,
+    }
     marker, pages = ".report.sha256", ("report.md", "report.html")
 
     def content() -> bytes:

@@ -129,7 +129,9 @@ class Plant:
     def is_feedforward(self) -> bool:
         """A and every slope upper triangular (Dinh2014, Assumption 2)."""
         n = self.n
-        return all(self.A[i, j].sign() == 0 for i in range(n) for j in range(i)) and all(j >= i for i, j in self.slopes.entries)
+        return all(self.A[i, j].sign() == 0 for i in range(n) for j in range(i)) and all(
+            j >= i for i, j in self.slopes.entries
+        )
 
     def with_slopes(self, found: Mapping[str, tuple[str, str]]) -> Plant:
         """The plant with slopes declared `auto` replaced by bounds found: {"i.j": (lower, upper)}, from 1.

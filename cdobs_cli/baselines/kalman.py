@@ -41,7 +41,10 @@ def extended_kalman_filter(plant: Plant, Q: Sequence[Exact], R: Exact, P_0: Sequ
         flow_P.append(rate + Q[i].expression if i == j else rate)
     return Observer(
         states=(*hat, *(_entry(i, j) for i, j in upper)),
-        start=(*(Variable(f"initial.{name}") for name in plant.states), *(P_0[i].expression if i == j else ZERO for i, j in upper)),
+        start=(
+            *(Variable(f"initial.{name}") for name in plant.states),
+            *(P_0[i].expression if i == j else ZERO for i, j in upper),
+        ),
         flow=(*f, *flow_P),
         jump=(
             *(Variable(hat[i]) + PC[i] / spread * innovation for i in range(n)),

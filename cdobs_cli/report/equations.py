@@ -259,7 +259,9 @@ def _atom(node: Expression) -> Formula:
         text = fraction_text(node.value)
         if len(text) > LONGEST_NUMBER:
             context = Context(prec=SHOWN_DIGITS, rounding=ROUND_DOWN)
-            return Digits(f"{plain_decimal(context.divide(Decimal(node.value.numerator), Decimal(node.value.denominator)))}…")
+            return Digits(
+                f"{plain_decimal(context.divide(Decimal(node.value.numerator), Decimal(node.value.denominator)))}…"
+            )
         if "/" in text:
             return Ratio(Digits(str(node.value.numerator)), Digits(str(node.value.denominator)))
         return Digits(text)
@@ -282,7 +284,9 @@ def _power(base: Expression, exponent: Fraction) -> Formula:
     named = isinstance(base, Call) and LANGUAGE[base.function].typeset.startswith("\\")
     if isinstance(base, Call) and named and exponent.denominator == 1 and exponent > 1:
         return applied(_raised(_name(base), above), _list(base.children))
-    if isinstance(base, Variable | Constant) or (isinstance(base, Number) and base.value >= 0 and base.value.denominator == 1):
+    if isinstance(base, Variable | Constant) or (
+        isinstance(base, Number) and base.value >= 0 and base.value.denominator == 1
+    ):
         return _raised(_atom(base), above)
     return Script(_fence(_sum(base)), None, above)
 
@@ -435,6 +439,7 @@ def _mathml_row(parts: Sequence[Formula]) -> str:
 def mathml_block(equations: Sequence[Equation]) -> str:
     """Aligned equations as a table without lines."""
     rows = "".join(
-        f"<mtr><mtd>{mathml(e.left)}</mtd><mtd><mo>{escape(e.relation)}</mo></mtd><mtd>{mathml(e.right)}</mtd></mtr>" for e in equations
+        f"<mtr><mtd>{mathml(e.left)}</mtd><mtd><mo>{escape(e.relation)}</mo></mtd><mtd>{mathml(e.right)}</mtd></mtr>"
+        for e in equations
     )
     return f'<math displaystyle="true"><mtable class="aligned">{rows}</mtable></math>'

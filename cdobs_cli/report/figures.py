@@ -22,11 +22,24 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
-BLACK, ORANGE, SKY, GREEN, BLUE, VERMILLION, PURPLE = "#000000", "#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC79A7"
+BLACK, ORANGE, SKY, GREEN, BLUE, VERMILLION, PURPLE = (
+    "#000000",
+    "#E69F00",
+    "#56B4E9",
+    "#009E73",
+    "#0072B2",
+    "#D55E00",
+    "#CC79A7",
+)
 ROLE_COLOURS = {"truth": BLACK, "estimate": BLUE, "proved": GREEN, "refuted": VERMILLION, "measured": ORANGE}
 OTHER_COLOURS = (PURPLE, SKY, ORANGE, "#7F7F7F", BLUE, GREEN)
 # The first line of a role, then the further ones: dashes keep them apart where colours cannot.
-ROLE_DASHES: dict[str, Any] = {"truth": "-", "estimate": (0, (5, 1.6)), "proved": (0, (6, 1.5, 1, 1.5)), "refuted": (0, (3, 1.2))}
+ROLE_DASHES: dict[str, Any] = {
+    "truth": "-",
+    "estimate": (0, (5, 1.6)),
+    "proved": (0, (6, 1.5, 1, 1.5)),
+    "refuted": (0, (3, 1.2)),
+}
 FURTHER_DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)), (0, (8, 2)))
 MARKERS = ("o", "s", "^", "D", "v")
 WIDTH = 6.3  # inches: the text width of an A4 paper
@@ -101,7 +114,10 @@ def ladder_csv(ladder: Ladder) -> bytes:
     """Each rung with both its ends."""
     return _csv(
         ("method", "proved", "refuted"),
-        [(rung.label, *("" if end is None else repr(end) for end in (rung.proved, rung.refuted))) for rung in ladder.rungs],
+        [
+            (rung.label, *("" if end is None else repr(end) for end in (rung.proved, rung.refuted)))
+            for rung in ladder.rungs
+        ],
     )
 
 
@@ -178,7 +194,9 @@ def _legend(ax: Axes, known: set[str]) -> None:
             fresh.setdefault(short, handle)
     known |= set(fresh)
     if fresh:
-        widths = [5.2 * len(label) + 42 for label in fresh]  # points, roughly: a legend wider than the axes would squeeze them
+        widths = [
+            5.2 * len(label) + 42 for label in fresh
+        ]  # points, roughly: a legend wider than the axes would squeeze them
         columns = len(fresh) if sum(widths) < LEGEND_WIDTH else max(1, int(LEGEND_WIDTH / max(widths)))
         ax.legend(list(fresh.values()), list(fresh), loc="lower left", bbox_to_anchor=(0, 1.0), ncols=columns,
                   borderaxespad=0.15, handlelength=2.4, columnspacing=1.6)  # fmt: skip
@@ -187,7 +205,9 @@ def _legend(ax: Axes, known: set[str]) -> None:
 def _draw_series(ax: Axes, series: Series, index: int, *, many: bool, panel: Panel) -> None:
     colour = ROLE_COLOURS.get(series.role) or OTHER_COLOURS[index % len(OTHER_COLOURS)]
     # An estimate is dashed to show the truth below it; without it, or alone, a full line is easier to read.
-    below = any(other.role == "truth" or (other.role == "measured" and other.kind != "points") for other in panel.series)
+    below = any(
+        other.role == "truth" or (other.role == "measured" and other.kind != "points") for other in panel.series
+    )
     alone = len(panel.series) == 1 or (series.role == "estimate" and not below)
     first = "-" if alone else ROLE_DASHES.get(series.role, "-")
     dashes = first if index == 0 or many else FURTHER_DASHES[index % len(FURTHER_DASHES)]
@@ -258,17 +278,33 @@ def _ladder_figure(ladder: Ladder) -> Figure:
     count = len(ladder.rungs)
     figure = Figure(figsize=(WIDTH, 0.95 + 0.36 * count), layout="constrained")
     ax = figure.subplots()
-    ends = [end for rung in ladder.rungs for end in (rung.proved, rung.refuted) if end is not None and math.isfinite(end) and end > 0]
+    ends = [
+        end
+        for rung in ladder.rungs
+        for end in (rung.proved, rung.refuted)
+        if end is not None and math.isfinite(end) and end > 0
+    ]
     largest, smallest = max(ends, default=1.0), min(ends, default=1.0)
     logarithmic = largest > 40 * smallest
     left, right = (smallest / 3, largest * 2) if logarithmic else (0.0, largest * 1.15)
     for row, rung in enumerate(ladder.rungs):
         y = count - 1 - row
         if rung.proved is not None and rung.proved > 0:
-            ax.barh(y, min(rung.proved, right) - left, left=left, height=0.56, color=GREEN, edgecolor=GREEN, linewidth=0.6)
+            ax.barh(
+                y, min(rung.proved, right) - left, left=left, height=0.56, color=GREEN, edgecolor=GREEN, linewidth=0.6
+            )
         if rung.refuted is not None and rung.refuted < right:
             start = max(rung.refuted, left)
-            ax.barh(y, right - start, left=start, height=0.56, facecolor="#FBE3D3", edgecolor=VERMILLION, hatch="////", linewidth=0.6)
+            ax.barh(
+                y,
+                right - start,
+                left=start,
+                height=0.56,
+                facecolor="#FBE3D3",
+                edgecolor=VERMILLION,
+                hatch="////",
+                linewidth=0.6,
+            )
         ax.text(1.02, y, rung.text, transform=ax.get_yaxis_transform(), va="center", fontsize=9.5)
     if logarithmic:
         ax.set_xscale("log")

@@ -29,7 +29,10 @@ def html_page(report: Report, pictures: Mapping[str, bytes]) -> str:
 
 
 def _headline(report: Report) -> str:
-    lines = [f'<p class="verdict">{SYMBOLS[report.verdict]} {escape(report.verdict)}</p>', f"<p>{escape(report.sentence)}</p>"]
+    lines = [
+        f'<p class="verdict">{SYMBOLS[report.verdict]} {escape(report.verdict)}</p>',
+        f"<p>{escape(report.sentence)}</p>",
+    ]
     if bracket := bracket_sentence(report):
         lines.append(f"<p><strong>{escape(bracket)}</strong></p>")
     lines += [f'<p class="soft">Condition: {escape(condition)}</p>' for condition in report.conditions]
@@ -74,7 +77,9 @@ def _cell(cell: Cell, column: str) -> str:
             kind = ' class="name"' if len(text) <= 40 else ""
             return f"<td{label}{kind}><code>{_breakable(text)}</code></td>"
         case _:
-            name = "none" if cell == NOTHING else "number" if _NUMBER.fullmatch(cell) else "long" if len(cell) > 60 else ""
+            name = (
+                "none" if cell == NOTHING else "number" if _NUMBER.fullmatch(cell) else "long" if len(cell) > 60 else ""
+            )
             kind = f' class="{name}"' if name else ""
             return f"<td{label}{kind}>{escape(cell)}</td>"
 

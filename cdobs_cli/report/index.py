@@ -61,11 +61,15 @@ class IndexEntry:
 def index_page(entries: Sequence[IndexEntry], title: str = "Observers") -> bytes:
     """The page; entries keep their order until a heading is clicked."""
     counts = Counter(entry.verdict for entry in entries)
-    summary = ", ".join(f"{counts[verdict]} {verdict}" for verdict in sorted(counts, key=lambda verdict: (-_RANK.get(verdict, 9), verdict)))
+    summary = ", ".join(
+        f"{counts[verdict]} {verdict}"
+        for verdict in sorted(counts, key=lambda verdict: (-_RANK.get(verdict, 9), verdict))
+    )
     columns = ("spec", "family", "verdict", "as expected", "bracket", "picture")
     sortable = {"spec", "family", "verdict", "as expected", "bracket"}
     head = "".join(
-        f'<th scope="col">{f"""<button type="button">{column}</button>""" if column in sortable else column}</th>' for column in columns
+        f'<th scope="col">{f"""<button type="button">{column}</button>""" if column in sortable else column}</th>'
+        for column in columns
     )
     largest = max((end for entry in entries for end in _finite_ends(entry.bound)), default=1.0)
     rows = "\n".join(_row(entry, largest) for entry in entries)
@@ -85,7 +89,9 @@ def _row(entry: IndexEntry, largest: float) -> str:
     seconds = f" · {number_text(entry.seconds, 3)} s" if entry.seconds is not None else ""
     expected = "" if entry.holds is None else status_badge("holds" if entry.holds else "fails")
     picture = (
-        f'<a href="{_address(entry.link or entry.figure)}"><img src="{_address(entry.figure)}" alt="{name}"></a>' if entry.figure else ""
+        f'<a href="{_address(entry.link or entry.figure)}"><img src="{_address(entry.figure)}" alt="{name}"></a>'
+        if entry.figure
+        else ""
     )
     proved = float_or_none(entry.bound.proved) if entry.bound else None
     return (
@@ -105,9 +111,7 @@ def _bracket(entry: IndexEntry, largest: float) -> str:
     if entry.bound is None or entry.bound_name is None:
         return ""
     text = bracket_text(entry.bound)
-    return (
-        f'{_bars(entry.bound, largest)}<strong>{escape(text)}</strong><br><span class="soft">{escape(bound_title(entry.bound_name))}</span>'
-    )
+    return f'{_bars(entry.bound, largest)}<strong>{escape(text)}</strong><br><span class="soft">{escape(bound_title(entry.bound_name))}</span>'
 
 
 def _finite_ends(bound: Bound | None) -> list[float]:

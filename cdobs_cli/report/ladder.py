@@ -47,7 +47,9 @@ def period_ladder(bounds: Mapping[str, Bound]) -> Ladder | None:
     if not rungs:
         return None
     unit = next((bounds[name].unit for name in _labels(bounds)), "s")
-    return Ladder("periods", "What is known of the sampling period", _CAPTION, f"sampling period ({unit})", tuple(rungs))
+    return Ladder(
+        "periods", "What is known of the sampling period", _CAPTION, f"sampling period ({unit})", tuple(rungs)
+    )
 
 
 def _labels(bounds: Mapping[str, Bound]) -> dict[str, str]:
@@ -57,14 +59,18 @@ def _labels(bounds: Mapping[str, Bound]) -> dict[str, str]:
     }  # fmt: skip
     # Further periods that a family bounds: lmi_15_period_max is the rung "lmi 15".
     single |= {
-        name: name.removesuffix("_period_max").replace("_", " ") for name in bounds if name.endswith("_period_max") and name not in single
+        name: name.removesuffix("_period_max").replace("_", " ")
+        for name in bounds
+        if name.endswith("_period_max") and name not in single
     }
     labels = {}
     for name, label in single.items():
         if name in bounds:
             labels[name] = label
         prefix = f"{name}."
-        methods = sorted((other for other in bounds if other.startswith(prefix)), key=lambda other: _height(bounds[other]))
+        methods = sorted(
+            (other for other in bounds if other.startswith(prefix)), key=lambda other: _height(bounds[other])
+        )
         labels |= {other: other.removeprefix(prefix).replace("_", " ") for other in methods}
     return labels
 

@@ -141,7 +141,11 @@ class Report:
         """The bracket of the headline: of the period where one is known."""
         if self.check is None:
             return None
-        known = {name: bound for name, bound in self.check.bounds.items() if bound.proved is not None or bound.refuted is not None}
+        known = {
+            name: bound
+            for name, bound in self.check.bounds.items()
+            if bound.proved is not None or bound.refuted is not None
+        }
         name = next((name for name in (*HEADLINE_BOUNDS, *known) if name in known), None)
         return None if name is None else (name, known[name])
 
@@ -178,7 +182,13 @@ class Report:
         """Every source that is named."""
         claims = self.check.claims if self.check else ()
         notes = (*self.exhibits.notes, *(table.caption for table in self.exhibits.tables))
-        return (self.family.source, self.title, *(claim.source for claim in claims), *notes, *(item[0] for item in self.expectations))
+        return (
+            self.family.source,
+            self.title,
+            *(claim.source for claim in claims),
+            *notes,
+            *(item[0] for item in self.expectations),
+        )
 
 
 def domain_text(domain: Domain) -> str:
@@ -208,7 +218,10 @@ def build_report(
 ) -> Report:
     """The report of one spec from its artefacts. typed, coordinates: the plant in the user's own states, and
     the way back to them, where the spec has these."""
-    told = tuple((what, holds, re.sub(r"^: (holds|fails), ", "", found.removeprefix(what))) for what, holds, found in expectations)
+    told = tuple(
+        (what, holds, re.sub(r"^: (holds|fails), ", "", found.removeprefix(what)))
+        for what, holds, found in expectations
+    )
     return Report(name, title, spec_path, plant, family, design, check, run, typed, coordinates, told, dict(digests))
 
 

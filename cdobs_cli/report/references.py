@@ -25,7 +25,13 @@ class Reference:
         names = [_plain(name) for name in re.split(r"\s+and\s+", self.fields.get("author", "")) if name]
         authors = ", ".join(" ".join(reversed(name.split(", "))) for name in names)
         where = (self.fields.get(name, "") for name in ("journal", "booktitle", "publisher", "institution"))
-        parts = [authors, self.fields.get("title", ""), *where, self.fields.get("year", ""), self.fields.get("note", "")]
+        parts = [
+            authors,
+            self.fields.get("title", ""),
+            *where,
+            self.fields.get("year", ""),
+            self.fields.get("note", ""),
+        ]
         return ", ".join(_plain(part) for part in parts if part) + "."
 
 

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 MAX_SLOPES = 5
 
 
-def replay_chart(name: str, claim: str, arrays: dict[str, NDArray[np.float64]], entries: Sequence[tuple[int, int]]) -> Chart:
+def replay_chart(
+    name: str, claim: str, arrays: dict[str, NDArray[np.float64]], entries: Sequence[tuple[int, int]]
+) -> Chart:
     """|e(t)| with the sampling instants, above V(t).
 
     Args:
@@ -32,7 +34,11 @@ def replay_chart(name: str, claim: str, arrays: dict[str, NDArray[np.float64]], 
         "log",
     )  # fmt: skip
     slopes: list[Any] = [
-        Panel("time (s)", f"$v_{{{i + 1}{j + 1}}}$", (Series("slope of the counterexample", t, arrays["V"][:, k], "steps", "refuted"),))
+        Panel(
+            "time (s)",
+            f"$v_{{{i + 1}{j + 1}}}$",
+            (Series("slope of the counterexample", t, arrays["V"][:, k], "steps", "refuted"),),
+        )
         for k, (i, j) in enumerate(entries[:MAX_SLOPES])
     ]
     return Chart(name, "Counterexample, run", f"The error under the counterexample to {claim}.", (error, *slopes))
@@ -55,7 +61,9 @@ def crossing_chart(name: str, claim: str, states: Sequence[str], arrays: dict[st
         )
         for j, label in enumerate(states[:MAX_SLOPES])
     ]  # fmt: skip
-    return Chart(name, "Counterexample, run", f"A bound crosses the state under the counterexample to {claim}.", tuple(panels))
+    return Chart(
+        name, "Counterexample, run", f"A bound crosses the state under the counterexample to {claim}.", tuple(panels)
+    )
 
 
 def replay_figures(chart: Chart) -> dict[str, bytes]:

@@ -8,7 +8,19 @@ from typing import Any
 
 from cdobs_cli.certificate import Bound, Claim, Witness
 from cdobs_cli.chart import Table
-from cdobs_cli.report.blocks import Block, Bullets, Cell, Code, Grid, Listing, Mark, Mathematics, Paragraph, Picture, Section
+from cdobs_cli.report.blocks import (
+    Block,
+    Bullets,
+    Cell,
+    Code,
+    Grid,
+    Listing,
+    Mark,
+    Mathematics,
+    Paragraph,
+    Picture,
+    Section,
+)
 from cdobs_cli.report.ladder import Ladder
 from cdobs_cli.report.model import Report, bound_title, domain_text
 from cdobs_cli.report.numbers import NOTHING, about_text, end_text, ends_text, margin_text, number_text
@@ -51,7 +63,10 @@ def _plant(report: Report) -> Section:
         blocks.append(Paragraph(f"Known inputs: {', '.join(inputs)}."))
     for box, letter, what in ((plant.disturbance, "d", "Disturbance"), (plant.noise, "v", "Measurement noise")):
         if box is not None:
-            ends = ", ".join(f"{letter}{i + 1} in [{low}, {up}]" for i, (low, up) in enumerate(zip(box.lower, box.upper, strict=True)))
+            ends = ", ".join(
+                f"{letter}{i + 1} in [{low}, {up}]"
+                for i, (low, up) in enumerate(zip(box.lower, box.upper, strict=True))
+            )
             blocks.append(Paragraph(f"{what}: {ends}."))
     if report.domain:
         blocks.append(Paragraph(f"Domain: {domain_text(report.domain)}."))
@@ -84,12 +99,17 @@ def _slopes(report: Report) -> tuple[Block, ...]:
             low, up = (end_text(found[0], 8, up=False), end_text(found[1], 8, up=True)) if found else (NOTHING, NOTHING)
             declared = f"auto: [{low}, {up}]"
         status: Cell = Mark(claim.status) if claim else "not checked"
-        rows.append((f"∂φ{i + 1}/∂{plant.states[j]}", declared, status, margin_text(claim.margin) if claim else NOTHING))
+        rows.append(
+            (f"∂φ{i + 1}/∂{plant.states[j]}", declared, status, margin_text(claim.margin) if claim else NOTHING)
+        )
     if not rows:
         return (Paragraph("The plant is linear: no slope is claimed."),)
     where = "on the domain" if report.domain else "everywhere"
     grid = Grid(
-        ("slope", "claimed range", "status", "margin"), tuple(rows), "Slopes", f"Bounds of the nonlinearity's slopes, claimed {where}."
+        ("slope", "claimed range", "status", "margin"),
+        tuple(rows),
+        "Slopes",
+        f"Bounds of the nonlinearity's slopes, claimed {where}.",
     )
     return (grid,)
 
@@ -107,7 +127,9 @@ def _observer(report: Report) -> Section:
     if design.outcome == "none":
         return Section("Observer", (Paragraph(f"No design was found. {design.reason or ''}".strip()),))
     origin = "found by the search" if design.outcome == "found" else "given in the spec"
-    blocks: list[Block] = [Paragraph(f"Family {report.family.model_dump().get('family', design.family)}; the gain was {origin}.")]
+    blocks: list[Block] = [
+        Paragraph(f"Family {report.family.model_dump().get('family', design.family)}; the gain was {origin}.")
+    ]
     if report.observer is not None:
         blocks += [Paragraph("Between samples:"), Mathematics(flow_equations(report.observer))]
         if jumps := jump_equations(report.observer):
@@ -115,7 +137,10 @@ def _observer(report: Report) -> Section:
         if held := held_equations(report.observer):
             blocks += [Paragraph("Held from one sample to the next:"), Mathematics(held)]
     if design.gain:
-        blocks += [Paragraph("The gain, in the decimals that are run and proved:"), Mathematics(gain_equations(design.gain))]
+        blocks += [
+            Paragraph("The gain, in the decimals that are run and proved:"),
+            Mathematics(gain_equations(design.gain)),
+        ]
     return Section("Observer", tuple(blocks))
 
 
@@ -124,7 +149,9 @@ def _theorem(report: Report) -> Section:
     proof = report.proof
     if proof is not None:
         method = f" by the method {proof.method}" if proof.method else ""
-        blocks.append(Paragraph(f"{_verb(report)} {proof.id}{method}: {_sentence(proof.statement)} Source: {proof.source}."))
+        blocks.append(
+            Paragraph(f"{_verb(report)} {proof.id}{method}: {_sentence(proof.statement)} Source: {proof.source}.")
+        )
     elif report.convergence is not None and report.convergence.by:
         blocks.append(Paragraph(f"{_verb(report)} {report.convergence.by}. Source: {report.convergence.source}."))
     return Section("Theorem", tuple(blocks))
@@ -147,7 +174,9 @@ def _claims(report: Report) -> Section:
         groups[_group(claim)].append(claim)
     columns = ("claim", "status", "statement", "margin", "method", "source")
     grids = (
-        Grid(columns, tuple(_claim_row(claim) for claim in claims), title, _GROUPS[title]) for title, claims in groups.items() if claims
+        Grid(columns, tuple(_claim_row(claim) for claim in claims), title, _GROUPS[title])
+        for title, claims in groups.items()
+        if claims
     )
     return Section("Claims", tuple(grids))
 
@@ -164,7 +193,9 @@ _GROUPS = {
 def _group(claim: Claim) -> str:
     if claim.required:
         return "Required"
-    return {"assumption": "Assumptions", "certificate": "Certificates", "printed": "Printed in the paper"}.get(claim.kind, "Further claims")
+    return {"assumption": "Assumptions", "certificate": "Certificates", "printed": "Printed in the paper"}.get(
+        claim.kind, "Further claims"
+    )
 
 
 def _claim_row(claim: Claim) -> tuple[Cell, ...]:
@@ -214,7 +245,11 @@ def witness_text(witness: Witness) -> str:
     if witness.kind == "vector" and not witness.values:
         return "these numbers defeat the claim."
     growth = f" The error grows by {witness.multiplier} in size from period to period." if witness.multiplier else ""
-    about = "It concerns the class: some plant with these slopes." if witness.about == "class" else "It concerns the plant as typed."
+    about = (
+        "It concerns the class: some plant with these slopes."
+        if witness.about == "class"
+        else "It concerns the plant as typed."
+    )
     return f"{kind}.{growth} {about}"
 
 
@@ -222,7 +257,12 @@ def _data(witness: Witness) -> Grid:
     """What a family stored with a counterexample."""
     rows = tuple(_flat("", witness.data))
     shown = tuple((name, Code(text)) for name, text in rows[:MAX_RUN_ROWS])
-    return Grid(("quantity", "value"), shown, "", f"The first {MAX_RUN_ROWS} of {len(rows)}." if len(rows) > MAX_RUN_ROWS else "")
+    return Grid(
+        ("quantity", "value"),
+        shown,
+        "",
+        f"The first {MAX_RUN_ROWS} of {len(rows)}." if len(rows) > MAX_RUN_ROWS else "",
+    )
 
 
 def _flat(name: str, value: Any) -> Iterator[tuple[str, str]]:
@@ -261,7 +301,16 @@ def _simulation(report: Report) -> Section:
     rows = [_run_row(str(index + 1), summary) for index, summary in enumerate(runs[:MAX_RUN_ROWS])]
     if len(runs) > 1:
         rows.append(_run_row("all", overall))
-    columns = ("run", "samples", "shortest period (s)", "longest period (s)", "final error", "RMSE", "inclusion margin", "outcome")
+    columns = (
+        "run",
+        "samples",
+        "shortest period (s)",
+        "longest period (s)",
+        "final error",
+        "RMSE",
+        "inclusion margin",
+        "outcome",
+    )
     caption = f"The first {MAX_RUN_ROWS} of {len(runs)} runs." if len(runs) > MAX_RUN_ROWS else ""
     blocks.append(Grid(columns, tuple(rows), "", caption))
     blocks += [Picture(chart) for chart in report.charts if chart.name in _SIMULATION_CHARTS]
@@ -270,7 +319,9 @@ def _simulation(report: Report) -> Section:
 
 def _run_row(name: str, summary: RunSummary) -> tuple[Cell, ...]:
     rmse = ", ".join(f"{state} {number_text(value, 4)}" for state, value in summary.rmse.items()) or NOTHING
-    outcome = summary.stopped or ("diverged" if summary.diverged else "left the domain" if summary.left_domain else "completed")
+    outcome = summary.stopped or (
+        "diverged" if summary.diverged else "left the domain" if summary.left_domain else "completed"
+    )
     numbers = (summary.period_min, summary.period_max, summary.error_final)
     margin = number_text(summary.inclusion_margin, 4)
     return name, str(summary.measurements), *(number_text(value) for value in numbers), rmse, margin, outcome

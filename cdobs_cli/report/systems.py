@@ -75,7 +75,9 @@ def typed_equations(typed: TypedDynamics) -> tuple[Equation, ...]:
     """xdot = f(x, u) + d in the user's states."""
     disturbed = typed.disturbance is not None
     rows = [one + Variable(f"d.{i}") if disturbed else one for i, one in enumerate(typed.dynamics)]
-    return tuple(Equation(dotted(name_formula(name)), formula(one)) for name, one in zip(typed.states, rows, strict=True))[:MAX_EQUATIONS]
+    return tuple(
+        Equation(dotted(name_formula(name)), formula(one)) for name, one in zip(typed.states, rows, strict=True)
+    )[:MAX_EQUATIONS]
 
 
 def typed_outputs(typed: TypedDynamics) -> tuple[Equation, ...]:
@@ -87,7 +89,9 @@ def typed_outputs(typed: TypedDynamics) -> tuple[Equation, ...]:
 
 def map_equations(names: Sequence[str], map: Sequence[Expression]) -> tuple[Equation, ...]:
     """z = map(x)."""
-    return tuple(Equation(name_formula(name), formula(one)) for name, one in zip(names, map, strict=True))[:MAX_EQUATIONS]
+    return tuple(Equation(name_formula(name), formula(one)) for name, one in zip(names, map, strict=True))[
+        :MAX_EQUATIONS
+    ]
 
 
 def _row(matrix: ExactMatrix, i: int, names: tuple[str, ...]) -> Expression:
@@ -111,11 +115,14 @@ def jump_equations(observer: Observer) -> tuple[Equation, ...]:
 
 def held_equations(observer: Observer) -> tuple[Equation, ...]:
     """Inputs held from one sample to the next."""
-    return tuple(Equation(name_formula(name), formula(value)) for name, value in observer.control.items())[:MAX_EQUATIONS]
+    return tuple(Equation(name_formula(name), formula(value)) for name, value in observer.control.items())[
+        :MAX_EQUATIONS
+    ]
 
 
 def gain_equations(gain: Mapping[str, ExactMatrix]) -> tuple[Equation, ...]:
     """Each gain by its letter; a 1 x 1 matrix as a number."""
     return tuple(
-        Equation(name_formula(name), exact(value[0, 0]) if value.shape == (1, 1) else matrix(value)) for name, value in gain.items()
+        Equation(name_formula(name), exact(value[0, 0]) if value.shape == (1, 1) else matrix(value))
+        for name, value in gain.items()
     )

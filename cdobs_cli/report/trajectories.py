@@ -44,7 +44,9 @@ class WayBack(Protocol):
     def original_values(self, z: NDArray[np.float64]) -> NDArray[np.float64]: ...
 
 
-def run_charts(plant: Plant, run: Run, envelope: Mapping[str, Any] | None = None, coordinates: WayBack | None = None) -> tuple[Chart, ...]:
+def run_charts(
+    plant: Plant, run: Run, envelope: Mapping[str, Any] | None = None, coordinates: WayBack | None = None
+) -> tuple[Chart, ...]:
     """The common charts of a run; the first trajectory stands for the states, all of them for the error."""
     if not run.trajectories or len(run.trajectories[0].t) < 2:
         return ()
@@ -88,7 +90,12 @@ def typed_states_chart(coordinates: WayBack, trajectory: Trajectory) -> Chart:
         ))
         for j, name in enumerate(coordinates.states[:MAX_PANELS])
     )  # fmt: skip
-    return Chart("typed_states", "States and estimates as typed", "In the states of the spec, before the change of coordinates.", panels)
+    return Chart(
+        "typed_states",
+        "States and estimates as typed",
+        "In the states of the spec, before the change of coordinates.",
+        panels,
+    )
 
 
 def _measured_states(plant: Plant) -> dict[int, tuple[int, float]]:
@@ -105,7 +112,14 @@ def _measured_states(plant: Plant) -> dict[int, tuple[int, float]]:
 def _estimates(trajectory: Trajectory, j: int) -> tuple[Series, ...]:
     estimates = trajectory.estimates
     if "x_lower" in estimates and "x_upper" in estimates:
-        band = Series("interval estimate", trajectory.t, estimates["x_lower"][:, j], "band", "estimate", estimates["x_upper"][:, j])
+        band = Series(
+            "interval estimate",
+            trajectory.t,
+            estimates["x_lower"][:, j],
+            "band",
+            "estimate",
+            estimates["x_upper"][:, j],
+        )
         return (band,)
     if "x_hat" in estimates:
         return (Series("estimate", trajectory.t, estimates["x_hat"][:, j], "line", "estimate"),)

@@ -29,8 +29,16 @@ def witness_chart(claim: Claim) -> Chart:
     panels = []
     for k in range(count):
         values = [float(row[k]) for row in witness.values]
-        name = "slope" if k >= len(witness.entries) else f"$v_{{{witness.entries[k][0] + 1}{witness.entries[k][1] + 1}}}$"
-        panels.append(Panel("time (s)", name, (Series("slope of the counterexample", ends, [*values, values[-1]], "steps", "refuted"),)))
+        name = (
+            "slope" if k >= len(witness.entries) else f"$v_{{{witness.entries[k][0] + 1}{witness.entries[k][1] + 1}}}$"
+        )
+        panels.append(
+            Panel(
+                "time (s)",
+                name,
+                (Series("slope of the counterexample", ends, [*values, values[-1]], "steps", "refuted"),),
+            )
+        )
     growth = f" The error grows by {witness.multiplier} in size over it." if witness.multiplier else ""
     caption = f"The slopes of the counterexample to {claim.id} over one repetition.{growth}"
     return Chart(witness_name(claim), "Counterexample", caption, tuple(panels))

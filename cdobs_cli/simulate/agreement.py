@@ -24,7 +24,9 @@ def agrees(run: Run, system: HybridSystem) -> bool:
     trajectory shows: measurements, periods, errors anew; divergence, leaving the domain and the margin of the
     inclusion at least as bad as on the grid (the integrator has looked at more points than are kept)."""
     pairs = zip(run.trajectories, run.summaries, strict=True)
-    return overall(run.summaries) == run.overall and all(_is_of(one, system) and _agrees(one, system, told) for one, told in pairs)
+    return overall(run.summaries) == run.overall and all(
+        _is_of(one, system) and _agrees(one, system, told) for one, told in pairs
+    )
 
 
 def _is_of(one: Trajectory, system: HybridSystem) -> bool:

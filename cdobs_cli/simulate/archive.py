@@ -62,7 +62,9 @@ def from_bytes(content: bytes, document: Mapping[str, Any]) -> Run:
     try:
         return _run(_unpacked(content), document)
     except Exception as error:  # damaged archives raise whatever zipfile, zlib, numpy and tokenize have
-        raise ArtefactError(f"simulation.npz and simulation.json are not of one run: {error}; simulate again") from error
+        raise ArtefactError(
+            f"simulation.npz and simulation.json are not of one run: {error}; simulate again"
+        ) from error
 
 
 def _unpacked(content: bytes) -> dict[str, NDArray[Any]]:
@@ -70,7 +72,9 @@ def _unpacked(content: bytes) -> dict[str, NDArray[Any]]:
     found: dict[str, NDArray[Any]] = {}
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         members = archive.infolist()
-        if sum(member.file_size for member in members) > MAX_BYTES or len({member.filename for member in members}) < len(members):
+        if sum(member.file_size for member in members) > MAX_BYTES or len(
+            {member.filename for member in members}
+        ) < len(members):
             raise ValueError("arrays that are too large or come twice")
         for member in members:
             found[member.filename.removesuffix(".npy")] = _array(archive.read(member))
@@ -109,7 +113,9 @@ def _run(stored: Mapping[str, NDArray[Any]], document: Mapping[str, Any]) -> Run
     summaries = read(tuple[RunSummary, ...], document["runs"])
     if len(summaries) != len(trajectories):
         raise ValueError("the numbers of runs differ")
-    return Run(tuple(trajectories), summaries, read(RunSummary, document["overall"]), read(dict[str, str], document["digests"]))
+    return Run(
+        tuple(trajectories), summaries, read(RunSummary, document["overall"]), read(dict[str, str], document["digests"])
+    )
 
 
 def _refuse_misshapen(stored: Mapping[str, NDArray[Any]], estimates: list[str], others: list[str]) -> None:
@@ -118,11 +124,19 @@ def _refuse_misshapen(stored: Mapping[str, NDArray[Any]], estimates: list[str], 
         if offsets.dtype != np.int64 or offsets[0] != 0 or offsets[-1] != length or not np.all(np.diff(offsets) > 0):
             raise ValueError("runs that are not one after the other")
     n, p = stored["x"].shape[1], stored["y_k"].shape[1]
-    shapes = {"t": (len(stored["t"]),), "x": (len(stored["t"]), n), "t_k": (len(stored["t_k"]),), "y_k": (len(stored["t_k"]), p)}
+    shapes = {
+        "t": (len(stored["t"]),),
+        "x": (len(stored["t"]), n),
+        "t_k": (len(stored["t_k"]),),
+        "y_k": (len(stored["t_k"]), p),
+    }
     shapes |= {name: (len(stored["t"]), n) if name in estimates else (len(stored["t"]),) for name in others}
     if any(stored[name].shape != shape or stored[name].dtype != np.float64 for name, shape in shapes.items()):
         raise ValueError("arrays of unequal lengths or types")
     if not all(np.all(np.isfinite(stored[name])) for name in ("t", "t_k")):
         raise ValueError("times that are not finite")
-    if stored["stopped"].shape != (len(stored["offsets"]) - 1,) or stored["offsets"].shape != stored["sample_offsets"].shape:
+    if (
+        stored["stopped"].shape != (len(stored["offsets"]) - 1,)
+        or stored["offsets"].shape != stored["sample_offsets"].shape
+    ):
         raise ValueError("the numbers of runs differ")

@@ -76,7 +76,10 @@ def _plan(system: HybridSystem, law: SamplingLaw, witness: Witness) -> Simulatio
     periods = [Exact(text) for text in witness.times]
     after = Exact(data["after"])
     signals: dict[str, Expression] = {}
-    for letter, rows, box in (("d", data["disturbance"], system.plant.disturbance), ("v", data["noise"], system.plant.noise)):
+    for letter, rows, box in (
+        ("d", data["disturbance"], system.plant.disturbance),
+        ("v", data["noise"], system.plant.noise),
+    ):
         if box is not None:
             for i in range(len(box.lower)):
                 signals[f"{letter}.{i}"] = _steps([Exact(row[i]) for row in rows], periods, early=letter == "v")

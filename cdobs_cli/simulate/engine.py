@@ -50,7 +50,9 @@ def simulate(system: HybridSystem, plan: SimulationPlan, law: SamplingLaw) -> Ru
             simulation = _Simulation(system, plan, law)
             simulation.begin()
         except OverflowError as error:
-            problem = Problem(("simulation",), "a number that is too large to be simulated", str(error), "numbers below 1e308")
+            problem = Problem(
+                ("simulation",), "a number that is too large to be simulated", str(error), "numbers below 1e308"
+            )
             raise SpecError((problem,)) from error
         return simulation.run()
 
@@ -141,7 +143,10 @@ class _Simulation:
         going = ~self.watch.halted[runs]
         # 1e-12 of the horizon is below what an instant can be told apart by: instants that close accumulate.
         crowded = going & (elapsed < 1e-12 * self.horizon) & (index > 0)
-        self._halt(runs[crowded], "sampling instants accumulate: the observer asks for samples faster than time can be resolved")
+        self._halt(
+            runs[crowded],
+            "sampling instants accumulate: the observer asks for samples faster than time can be resolved",
+        )
         unready = going & ~crowded & ~(self.loop.trigger(t, after, held_after) < 0)
         self._halt(runs[unready], "the trigger is not below 0 just after a sample, so that no next sample is defined")
 
@@ -149,7 +154,10 @@ class _Simulation:
         """Turn an integrator that cannot go on into a sentence."""
         if codes.max() < End.SINGULAR:
             return
-        self._halt(runs[codes == End.EXHAUSTED], f"more than {self.max_steps} integration steps: the flow is too fast for this horizon")
+        self._halt(
+            runs[codes == End.EXHAUSTED],
+            f"more than {self.max_steps} integration steps: the flow is too fast for this horizon",
+        )
         for run in runs[codes == End.SINGULAR]:
             largest = float(np.max(np.abs(self.progress.y[:, run])))
             if not largest <= 1e6 * (1.0 + float(np.max(np.abs(self.record.sides.entries[0][5][:, run])))):
@@ -169,7 +177,10 @@ class _Simulation:
         if self.plan.initial_state is not None:
             return _columns(self.plan.initial_state, self.runs)
         assert self.plan.initial_box is not None
-        lower, upper = _columns(self.plan.initial_box.lower, self.runs), _columns(self.plan.initial_box.upper, self.runs)
+        lower, upper = (
+            _columns(self.plan.initial_box.lower, self.runs),
+            _columns(self.plan.initial_box.upper, self.runs),
+        )
         runs = np.arange(self.runs)
         shares = np.array([self.draws.at("initial", "uniform", i, runs, 0) for i in range(len(lower))])
         x: Array = lower + (upper - lower) * shares
@@ -196,13 +207,27 @@ def _refuse_impossible(system: HybridSystem, plan: SimulationPlan) -> None:
         problems.append(Problem(("simulation", "horizon"), "a horizon above 0 is expected", str(plan.horizon)))
     most = max(1, min(MAX_RUNS, MAX_STATES_TOGETHER // len(system.states)))
     if not 1 <= plan.runs <= most:
-        problems.append(Problem(("simulation", "runs"), "a number of runs that cannot be simulated", str(plan.runs), f"1 to {most}"))
+        problems.append(
+            Problem(("simulation", "runs"), "a number of runs that cannot be simulated", str(plan.runs), f"1 to {most}")
+        )
     if plan.initial_state is None and plan.initial_box is None:
-        problems.append(Problem(("simulation",), "an initial state is missing", allowed="initial_state, or initial_box"))
+        problems.append(
+            Problem(("simulation",), "an initial state is missing", allowed="initial_state, or initial_box")
+        )
     needed = {name for row in system.observer.start for name in row.variables}
     if plan.initial_box is None and any(name.startswith(("lower.", "upper.")) for name in needed):
-        problems.append(Problem(("simulation", "initial_box"), "this observer starts from a known box of x(0)", "none", "initial_box"))
+        problems.append(
+            Problem(
+                ("simulation", "initial_box"), "this observer starts from a known box of x(0)", "none", "initial_box"
+            )
+        )
     if plan.sampling_times is not None and system.observer.trigger is not None:
-        problems.append(Problem(("simulation", "sampling_times"), "this observer chooses its sampling instants", str(plan.sampling_times)))
+        problems.append(
+            Problem(
+                ("simulation", "sampling_times"),
+                "this observer chooses its sampling instants",
+                str(plan.sampling_times),
+            )
+        )
     if problems:
         raise SpecError(tuple(problems))

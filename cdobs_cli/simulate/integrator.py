@@ -97,7 +97,12 @@ class OneRun:
 
         def look() -> bool:
             points = len(seen_t)
-            halted = watch(np.zeros(points, dtype=np.int64), np.array(seen_t), np.array(seen_y).T, np.repeat(progress.held, points, axis=1))
+            halted = watch(
+                np.zeros(points, dtype=np.int64),
+                np.array(seen_t),
+                np.array(seen_y).T,
+                np.repeat(progress.held, points, axis=1),
+            )
             seen_t.clear()
             seen_y.clear()
             return bool(halted[0])
@@ -125,7 +130,9 @@ class OneRun:
                 coefficients = self._dense(t, tried, y, new, slopes, held)
                 before = np.array(y)
                 if triggered:
-                    theta = first_root(self.loop.trigger, coefficients[:, :, None], before[:, None], t, tried, progress.held)[0]
+                    theta = first_root(
+                        self.loop.trigger, coefficients[:, :, None], before[:, None], t, tried, progress.held
+                    )[0]
                     if theta <= 1.0:
                         part, new = polished(
                             self.loop.trigger, partial(self._part, t, y, k, held, floor),
@@ -204,7 +211,9 @@ class ManyRuns:
             good = error <= 1.0
             factor = _next_steps(error)
             progress.h[ids] = np.where(
-                good, np.where(tried < h, np.maximum(h, tried * factor), tried * factor), tried * np.minimum(0.9, factor)
+                good,
+                np.where(tried < h, np.maximum(h, tried * factor), tried * factor),
+                tried * np.minimum(0.9, factor),
             )
             done = np.zeros(live.size, dtype=bool)
             singular = ~good & (progress.h[ids] < smallest + 4e-16 * t)
@@ -236,7 +245,9 @@ class ManyRuns:
             progress.t[moved], progress.y[:, moved], k[:, live[w]] = until[w], new[:, w], last[:, w]
             halted = watch(moved, until[w], new[:, w], held[:, w])[ids] if w.size else np.zeros(live.size, dtype=bool)
             codes[live[halted]] = End.HALTED
-            exhausted = ~halted & ~done & ~singular & (progress.steps[ids] >= self.max_steps) & (progress.t[ids] < ends[live])
+            exhausted = (
+                ~halted & ~done & ~singular & (progress.steps[ids] >= self.max_steps) & (progress.t[ids] < ends[live])
+            )
             codes[live[exhausted]] = End.EXHAUSTED
             live = live[~(halted | done | singular | exhausted) & (progress.t[ids] < ends[live])]
         return codes

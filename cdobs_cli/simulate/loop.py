@@ -92,7 +92,9 @@ class ClosedLoop:
     def _closed(self, expression: Expression) -> Expression:
         return expression.substitute(self._signal_values)
 
-    def _arrays(self, expressions: tuple[Expression, ...], further: tuple[str, ...] = ()) -> Callable[..., tuple[Any, ...]]:
+    def _arrays(
+        self, expressions: tuple[Expression, ...], further: tuple[str, ...] = ()
+    ) -> Callable[..., tuple[Any, ...]]:
         return compile_floats([self._closed(row) for row in expressions], (*self.names, *further), arrays=True)
 
     def scalar_flow(self) -> Callable[..., tuple[float, ...]]:
@@ -115,7 +117,10 @@ class ClosedLoop:
         if lower is not None and upper is not None:
             values |= {f"lower.{name}": row for name, row in zip(self.plant.states, lower, strict=True)}
             values |= {f"upper.{name}": row for name, row in zip(self.plant.states, upper, strict=True)}
-        values |= {f"y.{k}": row for k, row in enumerate(y)} | {"t": np.zeros(x.shape[1]), LAST_SAMPLE: np.zeros(x.shape[1])}
+        values |= {f"y.{k}": row for k, row in enumerate(y)} | {
+            "t": np.zeros(x.shape[1]),
+            LAST_SAMPLE: np.zeros(x.shape[1]),
+        }
         compiled = compile_floats([self._closed(row) for row in self.observer.start], tuple(values), arrays=True)
         return np.concatenate([x, stacked(compiled(*values.values()), x.shape[1])])
 
@@ -148,7 +153,9 @@ class ClosedLoop:
         estimates = {name: take(len(rows)) for name, rows in self.observer.estimates.items()}
         internals = {name: take(1)[0] for name in self.observer.internals}
         signals = {name: take(1)[0] for name in (*self.controls, *self.signals.continuous)}
-        return View(y[: self.plant.n], estimates, internals, signals, take(len(self.observer.stops)), take(len(self.where)))
+        return View(
+            y[: self.plant.n], estimates, internals, signals, take(len(self.observer.stops)), take(len(self.where))
+        )
 
 
 def stacked(values: tuple[Any, ...], points: int) -> Array:

@@ -49,7 +49,9 @@ class Grid:
         """y (n, places), held (c, 1)."""
         self.y[run, :, places], self.held[run, :, places] = y, held
 
-    def fill(self, runs: Integers, until: Array, t: Array, h: Array, coefficients: Array, y: Array, held: Array) -> None:
+    def fill(
+        self, runs: Integers, until: Array, t: Array, h: Array, coefficients: Array, y: Array, held: Array
+    ) -> None:
         """Read all times up to `until` (R',) from the dense output of steps that began at t (R',)."""
         while True:
             due = np.flatnonzero(self.times[self.due[runs]] <= until)
@@ -71,7 +73,9 @@ class Sides:
     entries: list[tuple[int, Any, Any, Any, Any, Any, Any]] = field(default_factory=list)
     kept: int = 0
 
-    def add(self, index: int, runs: Integers, t: Array, before: Array, held_before: Array, after: Array, held_after: Array) -> None:
+    def add(
+        self, index: int, runs: Integers, t: Array, before: Array, held_before: Array, after: Array, held_after: Array
+    ) -> None:
         if index % self.stride:
             return
         self.entries.append((index, runs, t, before, held_before, after, held_after))
@@ -108,7 +112,9 @@ class Record:
         entries = self.sides.entries
         ids = np.concatenate([entry[1] for entry in entries])
         # One row a jump: time, both states, what was held before and after.
-        rows = np.concatenate([np.concatenate([entry[2][None], entry[3], entry[5], entry[4], entry[6]]) for entry in entries], axis=1)
+        rows = np.concatenate(
+            [np.concatenate([entry[2][None], entry[3], entry[5], entry[4], entry[6]]) for entry in entries], axis=1
+        )
         result = []
         for run, jumps in enumerate(_by_run(ids, rows, runs)):
             end = float(final_t[run])

@@ -37,7 +37,16 @@ class Timetable:
         self.horizon, self.draws = float(plan.horizon), draws
         self._typed = None if plan.sampling_times is None else compile_floats([plan.sampling_times], ["t"], arrays=True)
         if not self.high > 0:
-            raise SpecError((Problem(("measurement", "sampling"), "no sampling period above 0", str(law.document()), "a positive period"),))
+            raise SpecError(
+                (
+                    Problem(
+                        ("measurement", "sampling"),
+                        "no sampling period above 0",
+                        str(law.document()),
+                        "a positive period",
+                    ),
+                )
+            )
         samples = self.horizon / ((self.low + self.high) / 2)
         if self._typed is None and samples >= max_samples:
             raise SpecError(

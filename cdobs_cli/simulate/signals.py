@@ -77,13 +77,21 @@ class Signals:
             names += [f"d.{i}" for i in range(plant.n)]
         noisy = [f"v.{k}" for k in range(plant.p)] if plant.noise is not None else []
         problems = [
-            Problem(_field(name), "a signal that nothing reads", name, ", ".join([*names, *noisy]) or None, _why_unread(name, controlled))
+            Problem(
+                _field(name),
+                "a signal that nothing reads",
+                name,
+                ", ".join([*names, *noisy]) or None,
+                _why_unread(name, controlled),
+            )
             for name in typed
             if name not in names and name not in noisy
         ]
         continuous = {name: typed.get(name, ZERO) for name in names}
         problems += [
-            Problem(_field(name), "only noise, which is drawn at samples, may be random", str(signal), "an expression of t")
+            Problem(
+                _field(name), "only noise, which is drawn at samples, may be random", str(signal), "an expression of t"
+            )
             for name, signal in continuous.items()
             if any(isinstance(node, Call) and node.function in RANDOM for node in signal.walk())
         ]
@@ -100,10 +108,14 @@ class Signals:
         held_ranges: list[Range] = []
         for source in plant.inputs:
             if source.range is not None:
-                (held_ranges if source.name in controlled else ranges).append(_range(source.name, source.range.lower, source.range.upper))
+                (held_ranges if source.name in controlled else ranges).append(
+                    _range(source.name, source.range.lower, source.range.upper)
+                )
         for letter, box in (("d", plant.disturbance), ("v", plant.noise)):
             if box is not None:
-                ranges += [_range(f"{letter}.{i}", *ends) for i, ends in enumerate(zip(box.lower, box.upper, strict=True))]
+                ranges += [
+                    _range(f"{letter}.{i}", *ends) for i, ends in enumerate(zip(box.lower, box.upper, strict=True))
+                ]
         return Signals(continuous, noise, tuple(draws), tuple(ranges), tuple(held_ranges))
 
     def refuse_outside(self, names: Iterable[str], t: Array, values: Mapping[str, Array]) -> None:
@@ -150,7 +162,10 @@ class Draws:
             self._tables[key] = np.empty((self.runs, 0))
         while index >= self._tables[key].shape[1]:
             count = max(8, self._tables[key].shape[1])
-            block = [stream.random(count) if kind == "uniform" else stream.standard_normal(count) for stream in self._streams[key]]
+            block = [
+                stream.random(count) if kind == "uniform" else stream.standard_normal(count)
+                for stream in self._streams[key]
+            ]
             self._tables[key] = np.concatenate([self._tables[key], np.array(block)], axis=1)
         numbers: Array = self._tables[key][runs, index]
         return numbers
@@ -190,7 +205,9 @@ def _with_draws(node: Expression, draws: list[str]) -> Expression:
 
 
 def _range(name: str, lower: Exact | None, upper: Exact | None) -> Range:
-    return Range(name, float("-inf") if lower is None else float(lower), float("inf") if upper is None else float(upper))
+    return Range(
+        name, float("-inf") if lower is None else float(lower), float("inf") if upper is None else float(upper)
+    )
 
 
 def _field(name: str) -> tuple[str | int, ...]:

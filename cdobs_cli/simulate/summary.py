@@ -37,7 +37,11 @@ def summarise(loop: ClosedLoop, watch: Watch, record: Record, final_t: Array, fi
         trajectories.append(trajectory)
         margin = _margin(min(watch.margin[run], seen.margin.min()), seen) if seen.encloses else None
         left_domain = bool(watch.left_domain[run]) or bool(outside_domain(loop.system, seen).any())
-        summaries.append(summary(loop.plant.states, trajectory, seen, margin, diverged=bool(watch.diverged[run]), left_domain=left_domain))
+        summaries.append(
+            summary(
+                loop.plant.states, trajectory, seen, margin, diverged=bool(watch.diverged[run]), left_domain=left_domain
+            )
+        )
     return Run(tuple(trajectories), tuple(summaries), overall(summaries))
 
 
@@ -51,7 +55,13 @@ def _margin(smallest: float, seen: View) -> float:
 
 
 def summary(
-    states: Sequence[str], trajectory: Trajectory, seen: View, margin: float | None, *, diverged: bool, left_domain: bool
+    states: Sequence[str],
+    trajectory: Trajectory,
+    seen: View,
+    margin: float | None,
+    *,
+    diverged: bool,
+    left_domain: bool,
 ) -> RunSummary:
     """The figures of one run. Periods are between its measurements, the one at t_0 included; rmse is the
     root of the time average of the squared error (trapezoids over the output grid)."""

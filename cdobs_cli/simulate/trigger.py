@@ -68,7 +68,14 @@ def first_root(trigger: Trigger, coefficients: Array, y: Array, t: Any, h: Any, 
 
 
 def polished(
-    trigger: Trigger, part: Callable[[Array], Array], coefficients: Array, y: Array, t: Array, h: Array, theta: Array, held: Array
+    trigger: Trigger,
+    part: Callable[[Array], Array],
+    coefficients: Array,
+    y: Array,
+    t: Array,
+    h: Array,
+    theta: Array,
+    held: Array,
 ) -> tuple[Array, Array]:
     """The length of the step that ends at the root, and the state there, from full steps instead of dense output.
 

@@ -49,13 +49,20 @@ class Watch:
         finite = np.isfinite(y).all(axis=0)
         error = distance(seen)
         near = finite if error is None else finite & (error <= self.limit[runs])
-        reasons: list[tuple[NDArray[np.bool_], str, bool]] = [(np.logical_not(near), "the error grew beyond 1e6 (1 + |e0|)", True)]
+        reasons: list[tuple[NDArray[np.bool_], str, bool]] = [
+            (np.logical_not(near), "the error grew beyond 1e6 (1 + |e0|)", True)
+        ]
         # A condition that cannot be evaluated is not met.
-        reasons += [(~(row > 0), sentence, False) for row, (_, sentence) in zip(seen.stops, self.loop.observer.stops, strict=True)]
+        reasons += [
+            (~(row > 0), sentence, False)
+            for row, (_, sentence) in zip(seen.stops, self.loop.observer.stops, strict=True)
+        ]
         for interval in self.loop.signals.held_ranges:
             value = seen.signals[interval.name]
             outside = ~((value >= interval.lower - interval.slack) & (value <= interval.upper + interval.slack))
-            reasons.append((outside, f"the input {interval.name} that the controller sets left its declared range", False))
+            reasons.append(
+                (outside, f"the input {interval.name} that the controller sets left its declared range", False)
+            )
         for bad, sentence, diverged in reasons:
             for point in np.flatnonzero(bad) if bad.any() else ():
                 run = int(runs[point])

@@ -88,7 +88,9 @@ def replay(inclusion: HybridInclusion, witness: Witness) -> Replay:
 
     unseen = witness.kind == "vector" and "direction" in witness.data
     if not unseen and (witness.kind not in ("constant", "switching") or witness.about != "class"):
-        raise UsageError(f"a witness of kind {witness.kind} (about the {witness.about}) has no V(t) to run; constant and switching have")
+        raise UsageError(
+            f"a witness of kind {witness.kind} (about the {witness.about}) has no V(t) to run; constant and switching have"
+        )
     try:
         word = Word.from_witness(witness)
     except (ValueError, KeyError, TypeError, ExpressionError) as error:

@@ -54,7 +54,9 @@ class Block(BaseModel):
 B = TypeVar("B", bound=BaseModel)
 
 
-def read_block(model: type[B], value: Any, at: FieldPath, context: dict[str, Any]) -> tuple[B | None, set[str], list[Problem]]:
+def read_block(
+    model: type[B], value: Any, at: FieldPath, context: dict[str, Any]
+) -> tuple[B | None, set[str], list[Problem]]:
     """The block with the fields that are right, the names of those that are wrong, and the problems.
 
     The block is None where the value is no mapping, or nothing can be made of it.
@@ -94,7 +96,9 @@ def explain(error: ValidationError, model: type[BaseModel], value: Any, at: Fiel
         if kind == "extra_forbidden":
             names = sorted(_allowed(model, item["loc"][:-1]))
             # An unknown key is quoted by name, whatever its value.
-            problem = Problem(problem.field, "unknown key", None, ", ".join(names), nearest(str(item["loc"][-1]), names)[2:] or None)
+            problem = Problem(
+                problem.field, "unknown key", None, ", ".join(names), nearest(str(item["loc"][-1]), names)[2:] or None
+            )
         elif kind == "missing":
             problem = Problem((*at, *path, *item["loc"][-1:]), "is required")
         elif kind in ("literal_error", "union_tag_invalid", "enum"):
@@ -138,7 +142,11 @@ def _walk(value: Any, loc: tuple[str | int, ...]) -> tuple[FieldPath, Any]:
     path: list[str | int] = []
     for part in loc:
         inside: Any = value
-        known = part in inside if isinstance(inside, dict) else isinstance(inside, list) and isinstance(part, int) and part < len(inside)
+        known = (
+            part in inside
+            if isinstance(inside, dict)
+            else isinstance(inside, list) and isinstance(part, int) and part < len(inside)
+        )
         if known:
             value = inside[part]
             path.append(part)

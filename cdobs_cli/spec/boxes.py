@@ -69,17 +69,23 @@ def box_problems(block: BoxBlock, at: tuple[str | int, ...], length: int | None,
         if ends is None:
             yield Problem((*at, name), "is required")
         elif length is not None and len(ends) != length:
-            yield Problem((*at, name), f"one number for each {of} is expected", f"{len(ends)} numbers", f"{length} numbers")
+            yield Problem(
+                (*at, name), f"one number for each {of} is expected", f"{len(ends)} numbers", f"{length} numbers"
+            )
     if block.lower is not None and block.upper is not None:
         for i, (lower, upper) in enumerate(zip(block.lower, block.upper, strict=False)):
             if not ordered(lower, upper):
                 yield Problem((*at, "lower", i), "the lower end is above the upper end", str(lower), f"at most {upper}")
 
 
-def shape_problem(at: tuple[str | int, ...], got: tuple[int, int], want: tuple[int, int], why: str) -> Iterator[Problem]:
+def shape_problem(
+    at: tuple[str | int, ...], got: tuple[int, int], want: tuple[int, int], why: str
+) -> Iterator[Problem]:
     """A matrix of another shape."""
     if got != want:
-        yield Problem(at, "a matrix of another shape is expected", f"{got[0]} x {got[1]}", f"{want[0]} x {want[1]}, {why}")
+        yield Problem(
+            at, "a matrix of another shape is expected", f"{got[0]} x {got[1]}", f"{want[0]} x {want[1]}, {why}"
+        )
 
 
 def length_problem(at: tuple[str | int, ...], typed: Sequence[Any] | None, n: int, why: str) -> Iterator[Problem]:

@@ -42,7 +42,11 @@ def _equal(value: Any, info: ValidationInfo) -> Exact | str | bool:
     return read_exact(value)
 
 
-Equal = Annotated[Any, PlainValidator(_equal), WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}, {"type": "boolean"}]})]
+Equal = Annotated[
+    Any,
+    PlainValidator(_equal),
+    WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}, {"type": "boolean"}]}),
+]
 
 
 class ExpectBlock(Block):

@@ -48,11 +48,15 @@ def _law(value: Any) -> str:
     keys = set(value) if isinstance(value, dict) else set()
     if isinstance(value, Updated) or "updated" in keys:
         return "updated period"
-    return "varying period" if isinstance(value, Aperiodic) or keys & {"min_period", "max_period"} else "constant period"
+    return (
+        "varying period" if isinstance(value, Aperiodic) or keys & {"min_period", "max_period"} else "constant period"
+    )
 
 
 SamplingField = Annotated[
-    Annotated[Periodic, Tag("constant period")] | Annotated[Aperiodic, Tag("varying period")] | Annotated[Updated, Tag("updated period")],
+    Annotated[Periodic, Tag("constant period")]
+    | Annotated[Aperiodic, Tag("varying period")]
+    | Annotated[Updated, Tag("updated period")],
     Discriminator(_law),
 ]
 
@@ -80,7 +84,10 @@ def measurement_problems(
     if plant is not None and plant.output is not None:
         if outputs is not None and outputs != len(plant.output):
             yield Problem(
-                ("measurement", "C"), "one row for each entry of plant.output is expected", f"{outputs} rows", f"{len(plant.output)}"
+                ("measurement", "C"),
+                "one row for each entry of plant.output is expected",
+                f"{outputs} rows",
+                f"{len(plant.output)}",
             )
         outputs = len(plant.output)
     elif measurement.C is None and "C" not in wrong_fields and plant is not None and plant.dynamics is None:
@@ -90,7 +97,10 @@ def measurement_problems(
     law = measurement.sampling
     if isinstance(law, Aperiodic) and not ordered(law.shortest, law.max_period):
         yield Problem(
-            ("measurement", "sampling", "min_period"), "min_period is above max_period", str(law.shortest), f"at most {law.max_period}"
+            ("measurement", "sampling", "min_period"),
+            "min_period is above max_period",
+            str(law.shortest),
+            f"at most {law.max_period}",
         )
 
 

@@ -142,7 +142,9 @@ class _Loader:
         """All problems in the order of the text; not those about values that the reader refused."""
         refused = self.document.refused
         kept = [
-            placed(problem, self.document) for problem in self.problems if not any(problem.field[: len(path)] == path for path in refused)
+            placed(problem, self.document)
+            for problem in self.problems
+            if not any(problem.field[: len(path)] == path for path in refused)
         ]
         unique = dict.fromkeys([*self.document.problems, *kept])
         own = self.document.file
@@ -213,7 +215,9 @@ class _Loader:
             typed=typed if isinstance(typed, TypedDynamics) else None, coordinates=coordinates,
         )  # fmt: skip
 
-    def section(self, model: type[Any], root: dict[str, Any], name: str, context: dict[str, Any]) -> tuple[Any, set[str]]:
+    def section(
+        self, model: type[Any], root: dict[str, Any], name: str, context: dict[str, Any]
+    ) -> tuple[Any, set[str]]:
         return (None, set()) if root.get(name) is None else self.block(model, root[name], (name,), context)
 
     def include_plant_file(self, root: dict[str, Any]) -> None:
@@ -225,7 +229,9 @@ class _Loader:
         name = plant["file"]
         for other in plant:
             if other != "file":
-                self.problems.append(Problem(("plant", other), "goes into the plant's file", hint="`file` stands alone"))
+                self.problems.append(
+                    Problem(("plant", other), "goes into the plant's file", hint="`file` stands alone")
+                )
         if not isinstance(name, str) or not name:
             self.document.problems.append(placed(Problem(at, "a file name is expected", shown(name)), self.document))
             root["plant"] = None
@@ -300,7 +306,9 @@ class _Loader:
         if value is None:
             return []
         if not isinstance(value, list) or len(value) > MAX_EXPECTATIONS:
-            self.problems.append(Problem(("expect",), f"a list of at most {MAX_EXPECTATIONS} entries is expected", shown(value)))
+            self.problems.append(
+                Problem(("expect",), f"a list of at most {MAX_EXPECTATIONS} entries is expected", shown(value))
+            )
             return []
         blocks = []
         for i, entry in enumerate(value):
@@ -310,7 +318,9 @@ class _Loader:
                 blocks.append(block)
         return blocks
 
-    def derive(self, typed: Plant | TypedDynamics, run: SimulationPlan | None) -> tuple[Plant, SimulationPlan | None, Coordinates | None]:
+    def derive(
+        self, typed: Plant | TypedDynamics, run: SimulationPlan | None
+    ) -> tuple[Plant, SimulationPlan | None, Coordinates | None]:
         """The plant that families see, the simulation in its coordinates, and the way back."""
         if isinstance(typed, Plant):
             return typed, run, None

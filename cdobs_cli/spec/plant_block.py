@@ -104,7 +104,9 @@ def plant_problems(
         if not inputs:
             yield Problem(at("B"), "needs `inputs`, none is declared")
         else:
-            yield from shape_problem(at("B"), plant.B.shape, (n, len(inputs)), "a row for each state, a column for each input")
+            yield from shape_problem(
+                at("B"), plant.B.shape, (n, len(inputs)), "a row for each state, a column for each input"
+            )
     for name in ("phi", "dynamics"):
         yield from length_problem(at(name), getattr(plant, name), n, "one expression for each state")
     if isinstance(plant.coordinates, MapBlock):
@@ -121,21 +123,29 @@ def plant_problems(
         for name in plant.domain.__pydantic_extra__ or {}:
             if name not in states:
                 allowed = [*states, "where"]
-                yield Problem(at("domain", name), "unknown key", None, ", ".join(allowed), nearest(name, allowed)[2:] or None)
+                yield Problem(
+                    at("domain", name), "unknown key", None, ", ".join(allowed), nearest(name, allowed)[2:] or None
+                )
     if plant.disturbance is not None:
         yield from box_problems(plant.disturbance, at("disturbance"), n, "state")
 
 
 def _name_problems(plant: PlantBlock) -> Iterator[Problem]:
     seen: dict[str, str] = {}
-    for kind, names in (("states", plant.states or ()), ("inputs", plant.inputs or ()), ("parameters", plant.parameters or ())):
+    for kind, names in (
+        ("states", plant.states or ()),
+        ("inputs", plant.inputs or ()),
+        ("parameters", plant.parameters or ()),
+    ):
         for i, name in enumerate(names):
             if name in seen:
                 place: tuple[str | int, ...] = ("plant", kind, i) if kind == "states" else ("plant", kind, name)
                 yield Problem(place, f"the name {name} is already one of the {seen[name]}")
             seen.setdefault(name, kind)
             if kind == "inputs" and name in ("d", "v"):
-                yield Problem(("plant", kind, name), f"the name {name} stands for the {'disturbance' if name == 'd' else 'noise'}")
+                yield Problem(
+                    ("plant", kind, name), f"the name {name} stands for the {'disturbance' if name == 'd' else 'noise'}"
+                )
             if kind == "states" and name == "where":
                 yield Problem(("plant", kind, i), "the name where stands for the inequalities of a domain")
 
@@ -148,7 +158,9 @@ def typed_plant(
     n = len(plant.states)
     common: dict[str, Any] = {
         "states": plant.states,
-        "inputs": tuple(Input(name, None if block is None else block.range) for name, block in (plant.inputs or {}).items()),
+        "inputs": tuple(
+            Input(name, None if block is None else block.range) for name, block in (plant.inputs or {}).items()
+        ),
         "B": plant.B,
         "sampling": sampling,
         "domain": Domain() if plant.domain is None else plant.domain.domain(),

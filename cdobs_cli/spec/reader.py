@@ -137,7 +137,9 @@ def read_text(text: str, file: str) -> Document:
         raise builder.stop(what, (mark.line + 1, mark.column + 1) if mark else (1, 1)) from None
     except (yaml.YAMLError, ValueError, OverflowError, IndexError, TypeError, AttributeError) as error:
         # PyYAML lets a few errors of its own through, e.g. for "\U99999999" in double quotes.
-        raise builder.stop(f"not YAML: {str(error).splitlines()[0][:100] if str(error) else 'unreadable'}", builder.last) from None
+        raise builder.stop(
+            f"not YAML: {str(error).splitlines()[0][:100] if str(error) else 'unreadable'}", builder.last
+        ) from None
     return builder.document
 
 
@@ -171,7 +173,9 @@ def _bytes(path: Path) -> bytes:
         try:
             data = stream.read(MAX_BYTES + 1)
         except OSError as error:
-            raise _refusal(file, f"the file cannot be read: {(error.strerror or 'unreadable').lower()}", None, None) from None
+            raise _refusal(
+                file, f"the file cannot be read: {(error.strerror or 'unreadable').lower()}", None, None
+            ) from None
     if len(data) > MAX_BYTES:
         raise _refusal(file, "the file is too large", None, None, allowed=f"at most {MAX_BYTES} bytes")
     return data
@@ -230,7 +234,9 @@ class _Builder:
         if len(self.document.problems) >= MAX_PROBLEMS:
             raise self.stop("too many mistakes", self.last)
         self.document.refused.add(path)
-        self.document.problems.append(Problem(path, what, **more, file=self.document.file, line=self.last[0], column=self.last[1]))
+        self.document.problems.append(
+            Problem(path, what, **more, file=self.document.file, line=self.last[0], column=self.last[1])
+        )
 
     def take(self, event: yaml.Event) -> None:
         if event.start_mark is not None:
@@ -265,7 +271,12 @@ class _Builder:
         path = self.add(None if isinstance(value, _Skip) else value)
         self.decorations(path, event)
         if isinstance(value, _Skip):
-            self.refuse(path, "a finite number is expected", got=event.value, hint="leave an open end of an interval out with null")
+            self.refuse(
+                path,
+                "a finite number is expected",
+                got=event.value,
+                hint="leave an open end of an interval out with null",
+            )
 
     def key(self, frame: _Frame, event: yaml.ScalarEvent) -> None:
         self.count(frame)

@@ -52,7 +52,9 @@ class Copying(Family):
         limit = Series("limit", [], [1.0], "limit", "refuted")
         panel = Panel(r"slope $c$", "period (s)", (curve, limit))
         chart = Chart("period_slope", "Period against slope", "The proved period for each slope.", (panel,))
-        table = Table("rates", "Rates", "Rates at two periods.", ("period (s)", "rate (1/s)"), ((0.5, 0.123456789), (1, None)))
+        table = Table(
+            "rates", "Rates", "Rates at two periods.", ("period (s)", "rate (1/s)"), ((0.5, 0.123456789), (1, None))
+        )
         return Exhibits((chart,), (table,), ("The reachable set is a box.",))
 
     def envelope(self, plant: Plant, design: Design, check: Check) -> Mapping[str, Any] | None:
@@ -124,7 +126,9 @@ def make_run(count: int = 1) -> Run:
     return Run(tuple(make_trajectory(i) for i in range(count)), (summary,) * count, summary, {"simulation": "d" * 64})
 
 
-def make_report(*, title: str = HOSTILE, design: Design | None = None, check: Check | None = None, run: Run | None = None) -> Report:
+def make_report(
+    *, title: str = HOSTILE, design: Design | None = None, check: Check | None = None, run: Run | None = None
+) -> Report:
     made = build_report(
         name="reachability_pendulum",
         title=title,

@@ -19,4 +19,7 @@ def test_every_entry_of_ours_has_authors_title_and_year() -> None:
 
 
 def test_cited_finds_keys_in_sources() -> None:
-    assert [reference.key for reference in cited(["Efimov2016, (15); after Dinh2014", "Nobody1900"])] == ["Dinh2014", "Efimov2016"]
+    assert [reference.key for reference in cited(["Efimov2016, (15); after Dinh2014", "Nobody1900"])] == [
+        "Dinh2014",
+        "Efimov2016",
+    ]
