@@ -212,7 +212,7 @@ def remade(patch: pytest.MonkeyPatch, whole: Clean) -> None:
 
         return verb
 
-    patch.setattr(pipeline, "_new_design", lambda work: whole.design)
+    patch.setattr(pipeline, "new_design", lambda *_: whole.design)
     patch.setattr(pipeline, "_certify", of_clean(whole.check))
     patch.setattr(pipeline, "_new_run", of_clean(whole.run))
 

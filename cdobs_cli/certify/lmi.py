@@ -167,7 +167,8 @@ class Program:
 def ask_clarabel(
     cost: Array, A: SparseColumns, b: Array, cones: list[Any], tolerance: float = 1e-9, iterations: int = 200
 ) -> tuple[Array, SolverRecord]:
-    """minimise cost' x subject to b - A x in the product of cones; one thread. The last iterate and how it went."""
+    """minimise cost' x subject to b - A x in the product of cones; one thread. The last iterate and how it went:
+    not a number, and `Panicked`, where the solver did."""
     import clarabel
     import numpy as np
 
@@ -178,12 +179,18 @@ def ask_clarabel(
     settings.max_threads = 1
     settings.max_iter = iterations
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-    result = clarabel.DefaultSolver(zero, cost, A, b, cones, settings).solve()
-    record = SolverRecord("clarabel", clarabel.__version__, str(result.status), int(result.iterations))
+    try:
+        result = clarabel.DefaultSolver(zero, cost, A, b, cones, settings).solve()
+        x, status, count = np.array(result.x), str(result.status), int(result.iterations)
+    except BaseException as panic:  # what Rust panics with is no Exception, and has a class that cannot be imported
+        if type(panic).__name__ != "PanicException":
+            raise
+        x, status, count = np.full(size, np.nan), "Panicked", 0
+    record = SolverRecord("clarabel", clarabel.__version__, status, count)
     log = _LOG.get()
     if log is not None:
         log.append(record)
-    return np.array(result.x), record
+    return x, record
 
 
 @contextmanager

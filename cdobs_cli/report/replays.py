@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from cdobs_cli.chart import Chart, Panel, Series
-from cdobs_cli.report.figures import draw
 
 if TYPE_CHECKING:
     import numpy as np
@@ -64,9 +63,3 @@ def crossing_chart(name: str, claim: str, states: Sequence[str], arrays: dict[st
     return Chart(
         name, "Counterexample, run", f"A bound crosses the state under the counterexample to {claim}.", tuple(panels)
     )
-
-
-def replay_figures(chart: Chart) -> dict[str, bytes]:
-    """The figure in all formats, by relative name."""
-    drawing = draw(chart)
-    return {f"figures/{chart.name}.{suffix}": getattr(drawing, suffix) for suffix in ("svg", "png", "csv")}

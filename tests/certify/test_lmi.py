@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cdobs_cli.certify.lmi import Program, full, symmetric
+from cdobs_cli.certify.lmi import Program, SparseColumns, ask_clarabel, full, solver_log, summary, symmetric
 from cdobs_cli.exact.matrix import block
 
 
@@ -42,6 +42,19 @@ def test_infeasible_is_not_solved() -> None:
     program.require(lambda x: -x["x"] - 1)
     program.maximise(lambda x: x["x"])
     assert not program.solve().solved
+
+
+def test_a_panic_of_the_solver_is_no_solution() -> None:
+    import clarabel
+
+    beyond = SparseColumns(np.ones(3), np.array([0, 1, 7]), np.arange(4), (3, 3))  # a row that is not there
+    with solver_log() as records:
+        x, record = ask_clarabel(np.ones(3), beyond, np.ones(3), [clarabel.PSDTriangleConeT(2)])
+    assert np.isnan(x).all()
+    assert (record.status, record.iterations) == ("Panicked", 0)
+    assert summary(records) == record
+    with pytest.raises(Exception, match="dimensions"):  # what it refuses is our mistake, and is told
+        ask_clarabel(np.ones(2), beyond, np.ones(3), [])
 
 
 def test_a_modelling_layer_agrees() -> None:
