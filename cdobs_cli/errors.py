@@ -84,6 +84,17 @@ class SpecError(CdobsError):
         self.problems = problems
         super().__init__("\n".join(str(problem) for problem in problems))
 
+    @staticmethod
+    def at(
+        field: tuple[str | int, ...],
+        what: str,
+        got: str | None = None,
+        allowed: str | None = None,
+        hint: str | None = None,
+    ) -> SpecError:
+        """The error of one mistake."""
+        return SpecError((Problem(field, what, got, allowed, hint),))
+
 
 class UsageError(CdobsError):
     """A command line that cannot be carried out."""

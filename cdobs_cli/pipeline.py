@@ -239,6 +239,7 @@ def replay(work: Work, identifier: str) -> dict[str, Any]:
     from cdobs_cli.report.files import figures
     from cdobs_cli.report.replays import crossing_chart, replay_chart
     from cdobs_cli.report.witnesses import witness_name
+    from cdobs_cli.simulate.archive import packed
     from cdobs_cli.simulate.box import BoxReplay, replay_box
     from cdobs_cli.simulate.witness import Replay
     from cdobs_cli.simulate.witness import replay as run_witness
@@ -252,7 +253,7 @@ def replay(work: Work, identifier: str) -> dict[str, Any]:
     else:
         again = run_witness(observer.inclusion(plant, design.gain), claim.witness)
         chart = replay_chart(name, identifier, again.arrays(), again.entries)
-    archive = again.to_bytes()
+    archive = packed(again.arrays())
     work.store.write_files({f"{name}.npz": archive, **figures([chart])})
     digests = _check_digests(work, design) | {"check": proved.digests[CONTENT], ARCHIVE: _sha256(archive)}
     document = {"schema_version": 1, "claim": identifier, **again.document(), "digests": digests}

@@ -6,12 +6,11 @@ periods, under its disturbance and noise, up to where a bound has crossed the st
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import numpy as np
+from numpy.typing import NDArray
 
 from cdobs_cli.certificate import Witness
 from cdobs_cli.errors import UsageError
@@ -22,9 +21,6 @@ from cdobs_cli.plant import Box
 from cdobs_cli.run import Run, SimulationPlan
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.engine import simulate
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
@@ -39,12 +35,6 @@ class BoxReplay:
         """t (N,), x, x_lower, x_upper (N, n), t_k (K,), y_k (K, p)."""
         first = self.run.trajectories[0]
         return {"t": first.t, "x": first.x, **first.estimates, "t_k": first.t_k, "y_k": first.y_k}
-
-    def to_bytes(self) -> bytes:
-        """`witness_<claim>_run.npz`; the same run gives the same bytes."""
-        stream = io.BytesIO()
-        np.savez_compressed(stream, **self.arrays())  # type: ignore[arg-type]
-        return stream.getvalue()
 
     def document(self) -> dict[str, Any]:
         """The figures of the run."""

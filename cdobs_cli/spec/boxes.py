@@ -9,12 +9,7 @@ from pydantic import PlainValidator, ValidationInfo, WithJsonSchema
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.numbers import Exact
-from cdobs_cli.fields import (
-    Through,
-    Vector,
-    read_exact,
-    wrong,
-)
+from cdobs_cli.fields import Through, Vector, read_exact, wrong
 from cdobs_cli.plant import Box, Interval
 from cdobs_cli.spec.block import Block
 

@@ -9,11 +9,7 @@ from pydantic import Discriminator, Tag
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact
-from cdobs_cli.fields import (
-    NonNegativeNumber,
-    PositiveNumber,
-    Rows,
-)
+from cdobs_cli.fields import NonNegativeNumber, PositiveNumber, Rows
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.spec.block import Block
 from cdobs_cli.spec.boxes import MAX_STATES, BoxBlock, box_problems, ordered, shape_problem

@@ -11,11 +11,7 @@ from cdobs_cli.errors import Problem
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.exact.parser import nearest
-from cdobs_cli.fields import (
-    Rows,
-    formula,
-    sized,
-)
+from cdobs_cli.fields import Rows, formula, sized
 from cdobs_cli.plant import Box, CoordinateMap, Domain, Input, Plant, TypedDynamics
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.spec.block import Block, Name

@@ -7,11 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, PlainValidator, Tag, ValidationInfo, WithJsonSchema
 
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
-from cdobs_cli.fields import (
-    read_exact,
-    sized,
-    wrong,
-)
+from cdobs_cli.fields import read_exact, sized, wrong
 from cdobs_cli.plant import Slopes
 from cdobs_cli.spec.boxes import MAX_STATES, ordered
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import DOP853
 
-from cdobs_cli.simulate import tableau
+from cdobs_cli.simulate import dormand_prince as tableau
 from cdobs_cli.simulate.dormand_prince import (
     array_step,
     dense_output,
