@@ -17,16 +17,8 @@ from cdobs_cli.printable import line, printable
 if TYPE_CHECKING:
     from rich.live import Live
 
-_COLOURS = {
-    "proved": "32",
-    "ok": "32",
-    "refuted": "31",
-    "failed": "31",
-    "invalid": "31",
-    "undecided": "33",
-    "finding": "33",
-}
-
+_COLOURS = dict.fromkeys(("proved", "ok"), "32") | dict.fromkeys(("refuted", "failed", "invalid"), "31")
+_COLOURS |= dict.fromkeys(("undecided", "finding"), "33")
 _SEVERITIES = {"error": "31", "warning": "33", "note": "36"}
 _STYLES = {"ok": "green", "finding": "yellow", "invalid": "red", "failed": "red"}
 

@@ -302,14 +302,14 @@ def _unusable(work: Work, name: str, what_for: str, *, is_whole: bool) -> Artefa
 def report_model(work: Work, digests: Mapping[str, str]) -> Report:
     """What there is to say of the artefacts made or read so far (a design at least)."""
     from cdobs_cli.findings import at_hand
-    from cdobs_cli.report.model import build_report
+    from cdobs_cli.report.model import Report
 
     assert work.design is not None
-    told = [(str(outcome.expectation), outcome.holds, outcome.text) for outcome in at_hand(work.spec, documents(work))]
-    return build_report(
-        name=readable(work.store.folder.name), title=readable(work.spec.title), spec_path=readable(str(work.spec.source_path)),
-        plant=plant_of(work.spec, work.design), family=work.spec.observer, design=work.design, check=work.check, run=work.run,
-        expectations=told, digests=digests, typed=work.spec.typed, coordinates=work.spec.coordinates,
+    told = [(str(one.expectation), one.holds, one.told) for one in at_hand(work.spec, documents(work))]
+    spec, design = work.spec, work.design
+    return Report(
+        readable(work.store.folder.name), readable(spec.title), readable(str(spec.source_path)), plant_of(spec, design),
+        spec.observer, design, work.check, work.run, spec.typed, spec.coordinates, tuple(told), digests,
     )  # fmt: skip
 
 

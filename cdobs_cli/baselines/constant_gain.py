@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from cdobs_cli.exact.expression import Expression, Variable
+import numpy as np
+from scipy.linalg import expm
+
+from cdobs_cli.exact.expression import Variable
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.hybrid import Observer
-from cdobs_cli.plant import Plant
+from cdobs_cli.plant import Plant, weighted
 
 PREFIX = "hat."
 
@@ -15,9 +18,6 @@ def placed_gain(plant: Plant, period: float, radius: float) -> ExactMatrix:
 
     Raises: ValueError where the pair cannot be observed at this period.
     """
-    import numpy as np
-    from scipy.linalg import expm
-
     n = plant.n
     Phi = expm(np.array(plant.A.floats) * period)
     C = np.array(plant.C.floats)
@@ -34,12 +34,7 @@ def constant_gain(plant: Plant, K: ExactMatrix) -> Observer:
     """x_hat' = A x_hat + phi(x_hat, u) + B u,  x_hat+ = x_hat + K (y - C x_hat). K (n, p)."""
     hat = tuple(PREFIX + name for name in plant.states)
     innovation = [Variable(f"y.{k}") - row for k, row in enumerate(plant.outputs(PREFIX))]
-    jump = []
-    for i, name in enumerate(hat):
-        total: Expression = Variable(name)
-        for k, residual in enumerate(innovation):
-            total = total + K[i, k].expression * residual
-        jump.append(total)
+    jump = [sum(weighted(K, i, innovation), Variable(name)) for i, name in enumerate(hat)]
     return Observer(
         states=hat,
         start=tuple(Variable(f"initial.{name}") for name in plant.states),

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, ClassVar
 
-from pydantic import PlainValidator, ValidationInfo, WithJsonSchema
-
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.numbers import Exact
-from cdobs_cli.fields import Through, Vector, read_exact, wrong
+from cdobs_cli.fields import ExactNumber, Through, Vector, wrong
 from cdobs_cli.plant import Box, Interval
 from cdobs_cli.spec.block import Block
 
@@ -19,14 +17,6 @@ MAX_STATES = 32
 def ordered(lower: Exact, upper: Exact) -> bool:
     """Whether lower <= upper is certain."""
     return (upper - lower).sign() in (0, 1)
-
-
-def _open_end(value: Any, info: ValidationInfo) -> Exact | None:
-    return None if value is None else read_exact(value, (info.context or {}).get("parameters"))
-
-
-_END_SCHEMA = WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}, {"type": "null"}]})
-OpenEnd = Annotated[Any, PlainValidator(_open_end), _END_SCHEMA]
 
 
 def _two(value: Any) -> Any:
@@ -41,7 +31,7 @@ def _interval(ends: tuple[Exact | None, Exact | None]) -> Interval:
     return Interval(*ends)
 
 
-IntervalField = Annotated[Interval, Through(tuple[OpenEnd, OpenEnd], _interval, _two)]
+IntervalField = Annotated[Interval, Through(tuple[ExactNumber | None, ExactNumber | None], _interval, _two)]
 
 
 class BoxBlock(Block):

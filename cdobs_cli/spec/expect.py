@@ -94,11 +94,15 @@ class Outcome:
     found: str | None
 
     @property
+    def told(self) -> str:
+        """What was found, in words."""
+        source = f" ({self.expectation.source})" if self.expectation.source else ""
+        return f"it is {'missing or null' if self.found is None else self.found}{source}"
+
+    @property
     def text(self) -> str:
         """One sentence for people."""
-        got = "is missing or null" if self.found is None else f"is {self.found}"
-        source = f" ({self.expectation.source})" if self.expectation.source else ""
-        return f"{self.expectation}: {'holds' if self.holds else 'fails'}, it {got}{source}"
+        return f"{self.expectation}: {'holds' if self.holds else 'fails'}, {self.told}"
 
 
 def _root(quantity: str) -> str:
