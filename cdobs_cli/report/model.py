@@ -161,9 +161,9 @@ class Report:
         conditions = []
         if self.domain and self.design.estimate.way != "everywhere":
             conditions.append(self._assumption)
-        if self.status == "proved" and self.headline_bound is not None and self.design.sampling.is_periodic:
-            if self.headline_bound[0] == "period_max":
-                conditions.append("The period is constant; a smaller constant period is not implied by a larger one.")
+        name = self.headline_bound[0] if self.headline_bound else None
+        if self.status == "proved" and name == "period_max" and self.design.sampling.is_periodic:
+            conditions.append("The period is constant; a smaller constant period is not implied by a larger one.")
         return tuple(conditions)
 
     @property

@@ -9,24 +9,8 @@ from cdobs_cli.exact.expression import ZERO, Expression, Variable
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.hybrid import Observer
 from cdobs_cli.plant import Plant, TypedDynamics, weighted
-from cdobs_cli.report.equations import (
-    APPLIED,
-    GREEK,
-    Accent,
-    Digits,
-    Equation,
-    Formula,
-    Operator,
-    Ratio,
-    Row,
-    Script,
-    Symbol,
-    applied,
-    exact,
-    formula,
-    matrix,
-    name_formula,
-)
+from cdobs_cli.report import equations as typeset
+from cdobs_cli.report.equations import Equation, Formula, Script, Symbol, formula, name_formula
 
 MAX_EQUATIONS = 24
 
@@ -34,18 +18,20 @@ MAX_EQUATIONS = 24
 def dotted(piece: Formula) -> Formula:
     """The time derivative of a symbol: a dot, d/dt before a word."""
     symbol = piece.base if isinstance(piece, Script) else piece
-    if isinstance(symbol, Symbol) and len(symbol.name) > 1 and symbol.name not in GREEK:
-        return Row((Ratio(Symbol("d"), Row((Symbol("d"), APPLIED, Symbol("t")))), piece))
+    if isinstance(symbol, Symbol) and len(symbol.name) > 1 and symbol.name not in typeset.GREEK:
+        return typeset.Row(
+            (typeset.Ratio(Symbol("d"), typeset.Row((Symbol("d"), typeset.APPLIED, Symbol("t")))), piece)
+        )
     if isinstance(piece, Script):
-        return Script(Accent(piece.base, "dot"), piece.below, piece.above)
-    return Accent(piece, "dot")
+        return Script(typeset.Accent(piece.base, "dot"), piece.below, piece.above)
+    return typeset.Accent(piece, "dot")
 
 
 def after_jump(piece: Formula) -> Formula:
     """A symbol just after a sample: a raised plus."""
     if isinstance(piece, Script):
-        return Script(piece.base, piece.below, Operator("+"))
-    return Script(piece, None, Operator("+"))
+        return Script(piece.base, piece.below, typeset.Operator("+"))
+    return Script(piece, None, typeset.Operator("+"))
 
 
 def plant_equations(plant: Plant) -> tuple[Equation, ...]:
@@ -62,14 +48,14 @@ def plant_equations(plant: Plant) -> tuple[Equation, ...]:
 
 def output_equations(plant: Plant) -> tuple[Equation, ...]:
     """What is measured at t_k."""
-    names = (applied(name, Script(Symbol("t"), Symbol("k"))) for name in _outputs(plant.p))
+    names = (typeset.applied(name, Script(Symbol("t"), Symbol("k"))) for name in _outputs(plant.p))
     noisy = plant.noise is not None
     return _equations(names, [row + Variable(f"v.{k}") if noisy else row for k, row in enumerate(plant.outputs())])
 
 
 def _outputs(count: int) -> list[Formula]:
     """y, or y_1, y_2, .."""
-    return [Symbol("y")] if count == 1 else [Script(Symbol("y"), Digits(str(k + 1))) for k in range(count)]
+    return [Symbol("y")] if count == 1 else [Script(Symbol("y"), typeset.Digits(str(k + 1))) for k in range(count)]
 
 
 def typed_equations(typed: TypedDynamics) -> tuple[Equation, ...]:
@@ -111,5 +97,7 @@ def _equations(left: Iterable[Formula], right: Iterable[Expression]) -> tuple[Eq
 
 def gain_equations(gain: Mapping[str, ExactMatrix]) -> tuple[Equation, ...]:
     """Each gain by its letter; a 1 x 1 matrix as a number."""
-    values = {name: exact(one[0, 0]) if one.shape == (1, 1) else matrix(one) for name, one in gain.items()}
+    values = {
+        name: typeset.exact(one[0, 0]) if one.shape == (1, 1) else typeset.matrix(one) for name, one in gain.items()
+    }
     return tuple(Equation(name_formula(name), value) for name, value in values.items())
