@@ -13,7 +13,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cdobs_cli.errors import INTERRUPTED, ArtefactError, CdobsError, ExitCode, Problem, SpecError, ToolError, UsageError
+from cdobs_cli.errors import INTERRUPTED, CdobsError, ExitCode, Problem, SpecError, ToolError, UsageError, untold
 from cdobs_cli.exact.budget import WorkError
 from cdobs_cli.outcome import Job, Message, Result, ResultStatus, exit_code, failure, judged, readable
 from cdobs_cli.printable import lines
@@ -100,28 +100,16 @@ def run(job: Job, stages: tuple[str, ...], settings: Settings, tell: Tell | None
 
 def _ended_by(error: Exception, spec: str, settings: Settings) -> Result:
     """What an error says of a spec."""
-
-    def told(status: ResultStatus, rule: str, text: str) -> Result:
-        return Result(spec, status, (Message("error", text, spec, rule=rule),))
-
-    match error:
-        case UsageError():
-            return told("invalid", "command", str(error))
-        case SpecError():
-            return Result(spec, "invalid", tuple(Message.from_problem(problem) for problem in error.problems))
-        case ArtefactError():
-            return told("invalid", "artefact", str(error))
-        case WorkError():  # not a mistake that reading could tell, and nothing was decided
-            return told("finding", "work", f"undecided: {error}")
-        case CdobsError():
-            return failure(spec, str(error))
-        case OSError():
-            place = f": {error.filename}" if error.filename else ""
-            return failure(spec, f"the system refuses: {error.strerror or error}{place}")
-    if settings.verbose:
+    if isinstance(error, SpecError):
+        return Result(spec, "invalid", tuple(Message.from_problem(problem) for problem in error.problems))
+    if isinstance(error, WorkError):  # not a mistake that reading could tell, and nothing was decided
+        return Result(spec, "finding", (Message("error", f"undecided: {error}", spec, rule="work"),))
+    if isinstance(error, CdobsError):
+        status: ResultStatus = "invalid" if error.exit_code == ExitCode.INVALID else "failed"
+        return Result(spec, status, (Message("error", str(error), spec, rule=error.rule),))
+    if settings.verbose and not isinstance(error, OSError):
         _show_where(error)
-    what = f"internal error, {type(error).__name__}: {error}"
-    return failure(spec, f"{what}; please report it (-v prints where it happened)")
+    return failure(spec, untold(error))
 
 
 def _run(job: Job, stages: tuple[str, ...], settings: Settings, tell: Tell | None) -> Result:

@@ -16,7 +16,7 @@ import typer
 
 from cdobs_cli import __version__
 from cdobs_cli.console import Console, LostStreamError, say
-from cdobs_cli.errors import INTERRUPTED, CdobsError, ExitCode
+from cdobs_cli.errors import INTERRUPTED, CdobsError, ExitCode, untold
 from cdobs_cli.printable import line, lines
 
 app = typer.Typer(
@@ -276,11 +276,7 @@ def _unexpected(error: Exception) -> ExitCode:
         import traceback
 
         say(lines("".join(traceback.format_exception(error))), aside=True)
-    if isinstance(error, OSError):  # few descriptors, a full disk under what typer prints
-        text = f"the system refuses: {error.strerror or error}"
-    else:
-        text = f"internal error, {type(error).__name__}: {error}; please report it (-v prints where it happened)"
-    return _refused(f"cdobs: {text}", text, ExitCode.FAILED)
+    return _refused(f"cdobs: {untold(error)}", untold(error), ExitCode.FAILED)
 
 
 def _refused(told: str, text: str, code: ExitCode, *, document: bool = True) -> ExitCode:

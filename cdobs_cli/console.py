@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -11,7 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, TextIO
 
 from cdobs_cli.errors import ExitCode, ToolError
-from cdobs_cli.outcome import Result
+from cdobs_cli.outcome import EXIT_CODES, Result
 from cdobs_cli.printable import line, printable
 
 if TYPE_CHECKING:
@@ -157,11 +158,8 @@ class Follow:
     def rows(self) -> Iterator[tuple[str, str, str]]:
         """(status, spec, what is known), the latest to end last, then what is running."""
         for number, result in self._ended.items():
-            yield (
-                result.status,
-                self.specs[number],
-                result.headline or "; ".join(message.text for message in result.messages),
-            )
+            told = result.headline or "; ".join(message.text for message in result.messages)
+            yield result.status, self.specs[number], told
         for number in self._running:
             yield "running", self.specs[number], ""
 
@@ -177,10 +175,8 @@ def count(results: list[Result]) -> str:
 
 
 def _counts(results: list[Result]) -> str:
-    counts = {
-        status: sum(result.status == status for result in results) for status in ("ok", "finding", "invalid", "failed")
-    }
-    return ", ".join(f"{number} {status}" for status, number in counts.items() if number)
+    counts = Counter(result.status for result in results)
+    return ", ".join(f"{counts[status]} {status}" for status in EXIT_CODES if counts[status])
 
 
 def _is_terminal(stream: TextIO) -> bool:

@@ -94,18 +94,10 @@ class PlantView(Generic[M]):
     def floats(plant: Plant, gain: Mapping[str, Any]) -> PlantView[NDArray[np.float64]]:
         import numpy as np
 
-        A = plant.A.floats + np.array(_constant_slopes(plant.slopes, lambda value: float(value)))
-        entries = plant.slopes.uncertain
         identity = np.eye(plant.n)
-        return PlantView(
-            A=A,
-            C=np.array(plant.C.floats),
-            gain={name: np.array(matrix.floats) for name, matrix in gain.items()},
-            lower=tuple(float(plant.slopes.lower[e]) for e in entries),
-            upper=tuple(float(plant.slopes.upper[e]) for e in entries),
-            entries=entries,
-            unit=lambda i: identity[:, [i]],
-        )
+        A = plant.A.floats + np.array(_constant_slopes(plant.slopes, float))
+        matrices = {name: np.array(matrix.floats) for name, matrix in gain.items()}
+        return PlantView(A, np.array(plant.C.floats), matrices, *_ends(plant, float), lambda i: identity[:, [i]])
 
     @staticmethod
     def balls(plant: Plant, gain: Mapping[str, Any]) -> PlantView[Matrix]:
@@ -114,17 +106,16 @@ class PlantView(Generic[M]):
         def value(number: Any) -> Any:
             return number.ball() if number.rational is None else number.rational
 
-        entries = plant.slopes.uncertain
         identity = Matrix.identity(plant.n)
-        return PlantView(
-            A=plant.A.balls() + Matrix.from_rows(_constant_slopes(plant.slopes, value)),
-            C=plant.C.balls(),
-            gain={name: matrix.balls() for name, matrix in gain.items()},
-            lower=tuple(value(plant.slopes.lower[e]) for e in entries),
-            upper=tuple(value(plant.slopes.upper[e]) for e in entries),
-            entries=entries,
-            unit=lambda i: identity[:, i],
-        )
+        A = plant.A.balls() + Matrix.from_rows(_constant_slopes(plant.slopes, value))
+        matrices = {name: matrix.balls() for name, matrix in gain.items()}
+        return PlantView(A, plant.C.balls(), matrices, *_ends(plant, value), lambda i: identity[:, i])
+
+
+def _ends(plant: Plant, value: Callable[[Any], Any]) -> tuple[tuple[Any, ...], tuple[Any, ...], Any]:
+    """Both ends of the slopes that are uncertain, and which these are."""
+    slopes, entries = plant.slopes, plant.slopes.uncertain
+    return tuple(value(slopes.lower[e]) for e in entries), tuple(value(slopes.upper[e]) for e in entries), entries
 
 
 def _constant_slopes(slopes: Slopes, value: Callable[[Any], Any]) -> list[list[Any]]:

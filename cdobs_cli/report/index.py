@@ -72,7 +72,8 @@ def index_page(entries: Sequence[IndexEntry], title: str = "Observers") -> bytes
     body = (
         f"<h1>{escape(title)}</h1>\n<p>{count}: {escape(summary) or 'none'}.</p>\n"
         f'<table class="index"><thead><tr>{head}</tr></thead><tbody>\n{rows}\n</tbody></table>\n'
-        '<p class="caption">Bracket: what is proved (solid) and what is refuted (hatched); all bars share one scale.</p>'
+        '<p class="caption">Bracket: what is proved (solid) and what is refuted (hatched); '
+        "all bars share one scale.</p>"
     )
     # The small pictures are files beside the page, on a server or on a disk.
     return page(escape(title), body, wide=True, script=_SORT, images="'self' file: data:").encode()

@@ -83,7 +83,7 @@ class Report:
 
     @cached_property
     def charts(self) -> tuple[Chart | Ladder, ...]:
-        """Bracket, counterexamples, simulation, family; a family's chart takes the place of a common one of its name."""
+        """Bracket, counterexamples, simulation, family; a family's chart takes the place of another of its name."""
         from cdobs_cli.report.ladder import period_ladder
         from cdobs_cli.report.trajectories import run_charts
         from cdobs_cli.report.witnesses import witness_charts

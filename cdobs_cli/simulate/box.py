@@ -40,8 +40,8 @@ class BoxReplay:
         """The figures of the run."""
         first = self.run.trajectories[0]
         return {
-            "samples": len(first.t_k), "horizon": float(first.t[-1]), "bound": self.bound, "distance_proved": self.proved,
-            "inclusion_margin": self.run.overall.inclusion_margin,
+            "samples": len(first.t_k), "horizon": float(first.t[-1]), "bound": self.bound,
+            "distance_proved": self.proved, "inclusion_margin": self.run.overall.inclusion_margin,
         }  # fmt: skip
 
 

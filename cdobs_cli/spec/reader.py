@@ -7,9 +7,7 @@ strings, `1e-3` is a number; decimals stay text, so that they stay exact.
 
 from __future__ import annotations
 
-import os
 import re
-import stat
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,6 +16,7 @@ from typing import Any
 import yaml
 
 from cdobs_cli.errors import Problem, SpecError
+from cdobs_cli.regular import IrregularError, regular_bytes
 
 MAX_BYTES = 256 * 1024
 MAX_NODES = 20_000
@@ -158,30 +157,17 @@ def _refusal(file: str, what: str, line: int | None = 1, column: int | None = 1,
 def _bytes(path: Path) -> bytes:
     file = str(path)
     try:
-        _require_regular(file, os.stat(path).st_mode)  # opening a device may already do something
-        # Without O_NONBLOCK a named pipe would wait for a writer for ever.
-        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+        data = regular_bytes(path, MAX_BYTES)
     except FileNotFoundError:
         raise _refusal(file, "no such file", None, None) from None
+    except IrregularError as error:
+        raise _refusal(file, "a YAML file is expected", None, None, got=str(error)) from None
     except (OSError, ValueError) as error:
         reason = (error.strerror or "unreadable").lower() if isinstance(error, OSError) else "not a file name"
         raise _refusal(file, f"the file cannot be read: {reason}", None, None) from None
-    with os.fdopen(handle, "rb") as stream:
-        _require_regular(file, os.fstat(handle).st_mode)
-        try:
-            data = stream.read(MAX_BYTES + 1)
-        except OSError as error:
-            reason = (error.strerror or "unreadable").lower()
-            raise _refusal(file, f"the file cannot be read: {reason}", None, None) from None
     if len(data) > MAX_BYTES:
         raise _refusal(file, "the file is too large", None, None, allowed=f"at most {MAX_BYTES} bytes")
     return data
-
-
-def _require_regular(file: str, mode: int) -> None:
-    if not stat.S_ISREG(mode):
-        got = "a directory" if stat.S_ISDIR(mode) else "not a regular file"
-        raise _refusal(file, "a YAML file is expected", None, None, got=got)
 
 
 def _decode(file: str, data: bytes) -> str:
