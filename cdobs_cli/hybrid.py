@@ -122,18 +122,12 @@ class PlantView(Generic[M]):
     def floats(plant: Plant, gain: Mapping[str, Any]) -> PlantView[NDArray[np.float64]]:
         import numpy as np
 
-        A = plant.A.floats + np.array(_constant_slopes(plant.slopes, lambda value: float(value)))
-        entries = plant.slopes.uncertain
         identity = np.eye(plant.n)
-        return PlantView(
-            A=A,
-            C=np.array(plant.C.floats),
-            gain={name: np.array(matrix.floats) for name, matrix in gain.items()},
-            lower=tuple(float(plant.slopes.lower[e]) for e in entries),
-            upper=tuple(float(plant.slopes.upper[e]) for e in entries),
-            entries=entries,
-            unit=lambda i: identity[:, [i]],
-        )
+        A = plant.A.floats + np.array(_constant_slopes(plant.slopes, float))
+        matrices = {name: np.array(matrix.floats) for name, matrix in gain.items()}
+        slopes, entries = plant.slopes, plant.slopes.uncertain
+        lower, upper = (tuple(float(side[e]) for e in entries) for side in (slopes.lower, slopes.upper))
+        return PlantView(A, np.array(plant.C.floats), matrices, lower, upper, entries, lambda i: identity[:, [i]])
 
     @staticmethod
     def balls(plant: Plant, gain: Mapping[str, Any]) -> PlantView[Matrix]:

@@ -5,12 +5,12 @@ xdot = A x + phi(x, u) + B u + d,    y_k = C x(t_k) + v_k,    lower_ij <= d phi_
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Literal
 
-from cdobs_cli.exact.expression import Expression
+from cdobs_cli.exact.expression import ZERO, Expression, Variable, call
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
 from cdobs_cli.sampling import SamplingLaw
 
@@ -129,7 +129,8 @@ class Plant:
     def is_feedforward(self) -> bool:
         """A and every slope upper triangular (Dinh2014, Assumption 2)."""
         n = self.n
-        return all(self.A[i, j].sign() == 0 for i in range(n) for j in range(i)) and all(j >= i for i, j in self.slopes.entries)
+        upper = all(self.A[i, j].sign() == 0 for i in range(n) for j in range(i))
+        return upper and all(j >= i for i, j in self.slopes.entries)
 
     def with_slopes(self, found: Mapping[str, tuple[str, str]]) -> Plant:
         """The plant with slopes declared `auto` replaced by bounds found: {"i.j": (lower, upper)}, from 1.
@@ -153,9 +154,8 @@ class Plant:
         box = {}
         for name, interval in self.domain.box.items():
             by = _exact(margin.get(name, 0))
-            lower = None if interval.lower is None else interval.lower - by
-            upper = None if interval.upper is None else interval.upper + by
-            box[name] = Interval(lower, upper)
+            lower, upper = interval.lower, interval.upper
+            box[name] = Interval(None if lower is None else lower - by, None if upper is None else upper + by)
         where = []
         for w in self.domain.where:
             room = EXACT_ZERO
@@ -172,8 +172,6 @@ class Plant:
 
     def clipped(self, prefix: str = "") -> dict[str, Expression]:
         """Each state, by its name, cut to the domain's box, over the names `prefix + state`."""
-        from cdobs_cli.exact.expression import Variable, call
-
         values: dict[str, Expression] = {}
         for name in self.states:
             interval = self.domain.box.get(name, Interval(None, None))
@@ -194,8 +192,6 @@ class Plant:
         sat(x_hat)_j - x_j = theta_j (x_hat_j - x_j) with theta_j in [0, 1], so column j of the error's slope is
         theta_j V_j + (1 - theta_j) G_j: it stays in the slope box, wherever the estimate goes.
         """
-        from cdobs_cli.exact.expression import Variable
-
         inside = self.clipped()
         half = Exact(Fraction(1, 2))
         phi = []
@@ -210,41 +206,31 @@ class Plant:
 
     def without_zero_slopes(self) -> Plant:
         """The plant with `auto` only where phi depends on the state: elsewhere the slope is the constant 0."""
-        from cdobs_cli.exact.expression import ZERO
-
         kept = frozenset((i, j) for i, j in self.slopes.auto if self.phi[i].derivative(self.states[j]) != ZERO)
         return replace(self, slopes=replace(self.slopes, auto=kept))
 
     def right_hand_side(self, prefix: str = "", *, disturbed: bool = False) -> tuple[Expression, ...]:
         """A x + phi(x, u) + B u (+ d) as expressions over the names `prefix + state`, the inputs, and
         `d.0`, `d.1`, .. when `disturbed`."""
-        from cdobs_cli.exact.expression import Variable
-
         x = {name: Variable(prefix + name) for name in self.states}
-        rows = []
-        for i in range(self.n):
-            total = self.phi[i].substitute(x) if prefix else self.phi[i]
-            for j, name in enumerate(self.states):
-                total = total + self.A[i, j].expression * x[name]
-            if self.B is not None:
-                for j, source in enumerate(self.inputs):
-                    total = total + self.B[i, j].expression * Variable(source.name)
-            if disturbed and self.disturbance is not None:
-                total = total + Variable(f"d.{i}")
-            rows.append(total)
+        rows = [row.substitute(x) if prefix else row for row in self.phi]
+        rows = [sum(weighted(self.A, i, x.values()), row) for i, row in enumerate(rows)]
+        if self.B is not None:
+            inputs = [Variable(source.name) for source in self.inputs]
+            rows = [sum(weighted(self.B, i, inputs), row) for i, row in enumerate(rows)]
+        if disturbed and self.disturbance is not None:
+            rows = [row + Variable(f"d.{i}") for i, row in enumerate(rows)]
         return tuple(rows)
 
     def outputs(self, prefix: str = "") -> tuple[Expression, ...]:
         """C x as expressions over the names `prefix + state`."""
-        from cdobs_cli.exact.expression import ZERO, Variable
+        x = [Variable(prefix + name) for name in self.states]
+        return tuple(sum(weighted(self.C, k, x), ZERO) for k in range(self.p))
 
-        rows = []
-        for k in range(self.p):
-            total: Expression = ZERO
-            for j, name in enumerate(self.states):
-                total = total + self.C[k, j].expression * Variable(prefix + name)
-            rows.append(total)
-        return tuple(rows)
+
+def weighted(matrix: ExactMatrix, i: int, factors: Iterable[Expression]) -> Iterator[Expression]:
+    """The terms of row i of a matrix times a vector of expressions."""
+    return (matrix[i, j].expression * factor for j, factor in enumerate(factors))
 
 
 def _exact(value: Fraction | Exact | int) -> Exact:

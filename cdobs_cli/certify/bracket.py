@@ -17,7 +17,9 @@ _GROWTH = (1.3, 1.15, 1.07, 1.03)  # by effort: the step of the scan for a first
 _WIDTH = 4e-6  # relative width down to which the first refutation is pressed
 
 
-def smallest_refuted(at: Callable[[Exact], HybridInclusion], proved: Exact | None, effort: int) -> tuple[Exact, Witness] | None:
+def smallest_refuted(
+    at: Callable[[Exact], HybridInclusion], proved: Exact | None, effort: int
+) -> tuple[Exact, Witness] | None:
     """The smallest period found above `proved` with a proved refutation, and its witness.
 
     Args:

@@ -70,7 +70,10 @@ class Word:
     @staticmethod
     def from_witness(witness: Witness) -> Word:
         """Raises: ValueError, KeyError, TypeError, ExpressionError on what `witness` did not write."""
-        arcs = [Arc(Exact(t), tuple(Exact(v) for v in values)) for t, values in zip(witness.times, witness.values, strict=True)]
+        arcs = [
+            Arc(Exact(t), tuple(Exact(v) for v in values))
+            for t, values in zip(witness.times, witness.values, strict=True)
+        ]
         counts = [int(count) for count in witness.data["arcs"]]
         if sum(counts) != len(arcs) or min(counts, default=0) < 1:
             raise ValueError("the arcs of a word fill its sampling periods")
@@ -166,7 +169,9 @@ def leaves_unseen(inclusion: HybridInclusion, values: tuple[Exact, ...]) -> bool
     size = basis.shape[1]
     kept = (basis.T @ basis).solve(basis.T @ A @ basis)  # A N = N kept
     embedded = block([[basis], [Matrix.zeros(F.shape[0] - A.shape[0], size)]]) if F.shape[0] > A.shape[0] else basis
-    if (F @ embedded - embedded @ kept).data != Matrix.zeros(F.shape[0], size).data or (maps.jump @ embedded).data != embedded.data:
+    if (F @ embedded - embedded @ kept).data != Matrix.zeros(F.shape[0], size).data or (
+        maps.jump @ embedded
+    ).data != embedded.data:
         return False
     return not is_hurwitz(kept)
 
@@ -193,7 +198,9 @@ def _unseen_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
     ends = [(slopes.lower[entry].rational, slopes.upper[entry].rational) for entry in inclusion.entries]
     if all(low is not None and high is not None for low, high in ends):
         candidates.append(tuple(Exact((low + high) / 2) for low, high in ends if low is not None and high is not None))
-        candidates.append(tuple(Exact(min(max(low, Fraction(0)), high)) for low, high in ends if low is not None and high is not None))
+        candidates.append(
+            tuple(Exact(min(max(low, Fraction(0)), high)) for low, high in ends if low is not None and high is not None)
+        )
     for values in candidates:
         if leaves_unseen(inclusion, values):
             yield Word(((Arc(inclusion.sampling.T_max, values),),))
@@ -215,7 +222,10 @@ def _switching_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
             for length in lengths:
                 last = last - length
             periods.append(
-                tuple(Arc(length, _values(inclusion, corner)) for length, (_, corner) in zip([*lengths, last], arcs, strict=True))
+                tuple(
+                    Arc(length, _values(inclusion, corner))
+                    for length, (_, corner) in zip([*lengths, last], arcs, strict=True)
+                )
             )
         yield Word(tuple(periods))
 
@@ -284,7 +294,12 @@ def candidate_corners(inclusion: HybridInclusion) -> Iterator[tuple[bool, ...]]:
         flows = np.array([maps.flow(_floats(inclusion, corner)) for corner in batch])
         return spectral_radii(maps.jump @ exponentials(flows * T))
 
-    starts = [(False,) * count, (True,) * count, tuple(k % 2 == 0 for k in range(count)), tuple(i <= j for i, j in inclusion.entries)]
+    starts = [
+        (False,) * count,
+        (True,) * count,
+        tuple(k % 2 == 0 for k in range(count)),
+        tuple(i <= j for i, j in inclusion.entries),
+    ]
     for start in starts:
         best, value = start, float(radii([start])[0])
         for _ in range(3):
@@ -300,7 +315,9 @@ def candidate_corners(inclusion: HybridInclusion) -> Iterator[tuple[bool, ...]]:
 
 def _values(inclusion: HybridInclusion, corner: tuple[bool, ...]) -> tuple[Exact, ...]:
     slopes = inclusion.plant.slopes
-    return tuple((slopes.upper if up else slopes.lower)[entry] for up, entry in zip(corner, inclusion.entries, strict=True))
+    return tuple(
+        (slopes.upper if up else slopes.lower)[entry] for up, entry in zip(corner, inclusion.entries, strict=True)
+    )
 
 
 def _floats(inclusion: HybridInclusion, corner: tuple[bool, ...]) -> tuple[float, ...]:
@@ -318,7 +335,9 @@ def slowest_decay(inclusion: HybridInclusion) -> arb | None:
     T, slopes = inclusion.sampling.T_max, inclusion.plant.slopes
     maps, exact = inclusion.floats, inclusion.balls
     corners = [
-        tuple((slopes.upper if up else slopes.lower)[entry] for up, entry in zip(corner, inclusion.entries, strict=True))
+        tuple(
+            (slopes.upper if up else slopes.lower)[entry] for up, entry in zip(corner, inclusion.entries, strict=True)
+        )
         for corner in candidate_corners(inclusion)
     ]
     flows = np.array([maps.flow(tuple(float(v) for v in corner)) for corner in corners])

@@ -83,7 +83,12 @@ def _prove(inclusion: HybridInclusion, low: float, high: float) -> StableInterva
     for margin in _INSIDE:
         a = Exact(decimal_text(Fraction(low) * (1 + margin), 9))
         b = Exact(decimal_text(Fraction(high) * (1 - margin), 9))
-        if a.rational is not None and b.rational is not None and a.rational <= b.rational and _covers(inclusion, a.rational, b.rational):
+        if (
+            a.rational is not None
+            and b.rational is not None
+            and a.rational <= b.rational
+            and _covers(inclusion, a.rational, b.rational)
+        ):
             return StableInterval(a, b)
     return None
 

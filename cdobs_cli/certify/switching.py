@@ -52,7 +52,9 @@ def propose(inclusion: HybridInclusion, effort: int, exponentials: Any) -> list[
     return propose_for(maps, list(_period_words(inclusion, _PERIODS[level])), level, exponentials)
 
 
-def propose_for(maps: ErrorMaps[Array], words: list[tuple[Exact, ...]], level: int, exponentials: Any) -> list[Proposal]:
+def propose_for(
+    maps: ErrorMaps[Array], words: list[tuple[Exact, ...]], level: int, exponentials: Any
+) -> list[Proposal]:
     """The same for maps in floats and given sampling periods of each word."""
     import numpy as np
 
@@ -204,7 +206,9 @@ class _Search:
         import numpy as np
 
         flat = [arc for period in arcs for arc in period]
-        v = np.where(np.array([corner for _, corner in flat], dtype=bool).reshape(len(flat), self.k), self.upper, self.lower)
+        v = np.where(
+            np.array([corner for _, corner in flat], dtype=bool).reshape(len(flat), self.k), self.upper, self.lower
+        )
         flows = self.maps.base + np.einsum("ik,sk,kj->sij", self.left, v, self.right)
         E = iter(self.exponentials(flows * np.array([length for length, _ in flat])[:, None, None]))
         M = np.eye(flows.shape[-1])
@@ -228,7 +232,12 @@ class _Search:
                     first, second = arcs[w][i], arcs[w][i + 1]
                     if not (first[0] + delta > 0 and second[0] - delta > 0):
                         continue
-                    period = [*arcs[w][:i], (first[0] + delta, first[1]), (second[0] - delta, second[1]), *arcs[w][i + 2 :]]
+                    period = [
+                        *arcs[w][:i],
+                        (first[0] + delta, first[1]),
+                        (second[0] - delta, second[1]),
+                        *arcs[w][i + 2 :],
+                    ]
                     trial = (*arcs[:w], tuple(period), *arcs[w + 1 :])
                     value = self._radius(trial)
                     if value > radius:

@@ -59,8 +59,20 @@ class Unseen:
         """The direction, with the slopes and the period it goes with, enough for a replay."""
         entries = plant.slopes.uncertain
         T = self.period or plant.sampling.T_max
-        data = {"arcs": [1], "direction": [fraction_text(value) for value in self.direction], "states": list(plant.states)}
-        return Witness("vector", "class" if entries else "plant", (str(T),), (tuple(map(str, self.values)),), self.factor, entries, data)
+        data = {
+            "arcs": [1],
+            "direction": [fraction_text(value) for value in self.direction],
+            "states": list(plant.states),
+        }
+        return Witness(
+            "vector",
+            "class" if entries else "plant",
+            (str(T),),
+            (tuple(map(str, self.values)),),
+            self.factor,
+            entries,
+            data,
+        )
 
     def sentence(self, plant: Plant) -> str:
         """Why no gain helps, in the names of the states."""
@@ -224,7 +236,9 @@ def _spaces(F: Matrix) -> Iterator[tuple[Fraction, Fraction, Matrix]]:
             yield a, w_squared, W
 
 
-def _periods(eigenvalues: list[tuple[Fraction, Fraction]], c: Exact, law: SamplingLaw) -> Iterator[tuple[Exact, Fraction]]:
+def _periods(
+    eigenvalues: list[tuple[Fraction, Fraction]], c: Exact, law: SamplingLaw
+) -> Iterator[tuple[Exact, Fraction]]:
     """(T, q^2) with c T = q pi, T in the law: the period itself, or those at which a pair is aliased."""
     if law.is_periodic:
         squared = _turns_squared(law.T_max * c)
@@ -310,5 +324,7 @@ def _combination(direction: tuple[Fraction, ...], states: tuple[str, ...]) -> st
     for value, name in zip(direction, states, strict=True):
         if value:
             size = "" if abs(value) == 1 else f"{float(abs(value)):.6g} "
-            text += f"{' - ' if value < 0 else ' + '}{size}{name}" if text else f"{'-' if value < 0 else ''}{size}{name}"
+            text += (
+                f"{' - ' if value < 0 else ' + '}{size}{name}" if text else f"{'-' if value < 0 else ''}{size}{name}"
+            )
     return text

@@ -19,7 +19,14 @@ def inclusion(K, T="0.6"):
     slopes = Slopes(ExactMatrix([[0, 0], [-1, 0]]), ExactMatrix([[0, 0], [1, 0]]))
     phi = (parse("0"), parse("sin(theta)", frozenset({"theta"})))
     plant = Plant(
-        ("theta", "omega"), (), ExactMatrix([[0, 1], [0, 0]]), phi, None, ExactMatrix([[1, 0]]), slopes, SamplingLaw.periodic(Exact(T))
+        ("theta", "omega"),
+        (),
+        ExactMatrix([[0, 1], [0, 0]]),
+        phi,
+        None,
+        ExactMatrix([[1, 0]]),
+        slopes,
+        SamplingLaw.periodic(Exact(T)),
     )
 
     def assemble(view):
@@ -28,7 +35,9 @@ def inclusion(K, T="0.6"):
         identity = view.unit(0) @ view.unit(0).T + view.unit(1) @ view.unit(1).T
         return ErrorMaps(view.A, left, right, view.lower, view.upper, identity - view.gain["K"] @ view.C)
 
-    return HybridInclusion(assemble, plant, {"K": ExactMatrix([[k] for k in K])}, plant.sampling, plant.slopes.uncertain)
+    return HybridInclusion(
+        assemble, plant, {"K": ExactMatrix([[k] for k in K])}, plant.sampling, plant.slopes.uncertain
+    )
 
 
 PRINTED = ("-1", "-1.8361")

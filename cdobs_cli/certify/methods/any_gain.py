@@ -124,7 +124,12 @@ class Face:
         )
 
     def document(self) -> dict[str, Any]:
-        return {"kind": self.kind, "order": self.order, "slopes": [str(v) for v in self.slopes], "period": str(self.period)}
+        return {
+            "kind": self.kind,
+            "order": self.order,
+            "slopes": [str(v) for v in self.slopes],
+            "period": str(self.period),
+        }
 
     @staticmethod
     def from_document(document: dict[str, Any]) -> Face:

@@ -290,7 +290,9 @@ class _Search:
         from cdobs_cli.certify.lmi import Program, full
         from cdobs_cli.certify.lmi import symmetric as symmetric_unknown
 
-        program = Program({**{f"P{b}": symmetric_unknown(len(part)) for b, part in enumerate(self.blocks)}, "t": full(1, 1)})
+        program = Program(
+            {**{f"P{b}": symmetric_unknown(len(part)) for b, part in enumerate(self.blocks)}, "t": full(1, 1)}
+        )
         identity = np.eye(self.size)
 
         def P_of(x: Any) -> Array:

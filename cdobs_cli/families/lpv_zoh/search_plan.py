@@ -93,7 +93,12 @@ class Headline:
         return self.rung.longest(headline(question), share)
 
 
-WIRTINGER, REPAIRED, THEOREM_1, CLOCK = QuickRung(Wirtinger), QuickRung(Repaired), QuickRung(PrintedTheorem1), ClockRung()
+WIRTINGER, REPAIRED, THEOREM_1, CLOCK = (
+    QuickRung(Wirtinger),
+    QuickRung(Repaired),
+    QuickRung(PrintedTheorem1),
+    ClockRung(),
+)
 
 
 def rungs(family: LpvZeroOrderHold, question: Question) -> Sequence[Rung]:
@@ -113,7 +118,9 @@ def too_many_corners(plant: Plant) -> str | None:
     return f"the slope box has {corners} corners, at most {MOST_CORNERS} are taken: declare fewer slopes that vary"
 
 
-def beyond(family: LpvZeroOrderHold, question: Question, own: Sequence[Method]) -> tuple[list[Certificate], dict[str, Any]]:
+def beyond(
+    family: LpvZeroOrderHold, question: Question, own: Sequence[Method]
+) -> tuple[list[Certificate], dict[str, Any]]:
     """(P, Y) that take the printed theorem furthest; the curve of period against rate; laws that no gain survives."""
     certificates: list[Certificate] = []
     details: dict[str, Any] = {}

@@ -76,7 +76,9 @@ def lmi_26(P: Mat, Y: Mat, A_i: Mat, C: Mat, R: Mat, tau_max: Any, delta: Any, m
     return symmetric(P @ A_i - Y @ C) + Y @ Y.T + (R.T @ R) * (2 * tau_max * tau_max * delta) + identity * mu
 
 
-def lmi_26_schur(P: Mat, Y: Mat, A_i: Mat, C: Mat, R: Mat, tau_max: Any, delta: Any, mu: Any, identity: Mat, one: Mat) -> Mat:
+def lmi_26_schur(
+    P: Mat, Y: Mat, A_i: Mat, C: Mat, R: Mat, tau_max: Any, delta: Any, mu: Any, identity: Mat, one: Mat
+) -> Mat:
     """(26) with Y Y' taken out by a Schur complement, affine in (P, Y, mu): this matrix <= 0.
 
         [[Sym(P A_i - Y C) + 2 tau_max^2 delta R'R + mu I, Y], [Y', -1]] <= 0

@@ -179,7 +179,9 @@ class ReachableSet(Method):
                       "every reachable error.", "Dinh2014, Theorem III.2", margin=room, method="interval evaluation of the first zero")
             )  # fmt: skip
         claims.append(inclusion_claim(question.card, plant, delta, part.inclusion and part.in_time))
-        claims.append(Claim("set.positive", "premise", _status(part.positive), f"{letter} is positive definite.", SOURCE))
+        claims.append(
+            Claim("set.positive", "premise", _status(part.positive), f"{letter} is positive definite.", SOURCE)
+        )
         return claims + self._constants_claims(question, part)
 
     def _constants_claims(self, question: Question, proof: SetProof) -> list[Claim]:
@@ -251,7 +253,9 @@ def constants(question: Question, certificate: ReachableSet) -> Constants | None
     eigenvalues = np.linalg.eigvalsh(P.floats)
     least = Fraction(0.999 * float(min(np.linalg.eigvalsh(gap.floats)[0] for gap in gaps)))
     largest, smallest = Fraction(1.000001 * float(eigenvalues[-1])), Fraction(0.999999 * float(eigenvalues[0]))
-    top = Fraction(max(0.0, 1.001 * max(float(np.linalg.eigvalsh(rate.floats)[-1]) for rate in rates)) + 1e-9 * float(largest))
+    top = Fraction(
+        max(0.0, 1.001 * max(float(np.linalg.eigvalsh(rate.floats)[-1]) for rate in rates)) + 1e-9 * float(largest)
+    )
     proved = (
         least > 0
         and smallest > 0

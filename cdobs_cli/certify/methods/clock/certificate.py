@@ -39,7 +39,15 @@ from cdobs_cli.certify.definite import eigenvalue_range, has_positive_pivots, po
 from cdobs_cli.certify.levels import Level
 from cdobs_cli.certify.linear import is_linear
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question
-from cdobs_cli.certify.methods.clock.form import Shape, erases_the_rest, flow_coefficients, in_basis, jump_gap, kept_states, lyapunov
+from cdobs_cli.certify.methods.clock.form import (
+    Shape,
+    erases_the_rest,
+    flow_coefficients,
+    in_basis,
+    jump_gap,
+    kept_states,
+    lyapunov,
+)
 from cdobs_cli.certify.methods.common_quadratic import is_linear_loop
 from cdobs_cli.certify.sampled_error import kept_and_lost
 from cdobs_cli.certify.texts import rate_of, rationals, symmetric_from_upper, upper_texts
@@ -149,7 +157,9 @@ class Clock(Method):
             return NOTHING
         for number in range(shape.jump_from, shape.count):
             at_zero = number == 0 and law.from_zero
-            falls = _gap_from_zero(P[0], maps.jump, kept) if at_zero else _positive(jump_gap(P[0], P[number], maps.jump))
+            falls = (
+                _gap_from_zero(P[0], maps.jump, kept) if at_zero else _positive(jump_gap(P[0], P[number], maps.jump))
+            )
             if not falls:
                 return NOTHING
         coefficients = list(flow_coefficients(P, shape, shape.lengths(law.T_min.scalar, law.T_max.scalar)))
