@@ -64,14 +64,57 @@ class Domain:
         return ", ".join((*parts, *(f"{w} >= 0" for w in self.where)))
 
 
+Entry = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """rho(x, u) in [lower, upper], on which entries of the Jacobian of phi depend: V_ij holds weight_ij rho.
+
+    name: `2.1` for an entry that moves by itself, `rho1`, `rho2`, .. for functions that several entries share.
+    function: rho where it is known; of an entry by itself its derivative is meant.
+    """
+
+    name: str
+    weights: tuple[tuple[Entry, Exact], ...]
+    lower: Exact
+    upper: Exact
+    function: Expression | None = None
+
+    @property
+    def entry(self) -> Entry:
+        """The first entry that it moves, from 0."""
+        return self.weights[0][0]
+
+    @property
+    def is_entry(self) -> bool:
+        """Whether it is an entry of the Jacobian itself."""
+        return self.function is None
+
+    def text(self, states: tuple[str, ...]) -> str:
+        """In a sentence: `d phi_y / d x`, or the function itself."""
+        i, j = self.entry
+        return f"d phi_{states[i]} / d {states[j]}" if self.function is None else str(self.function)
+
+    @staticmethod
+    def of_entry(entry: Entry, lower: Exact, upper: Exact) -> Quantity:
+        return Quantity(f"{entry[0] + 1}.{entry[1] + 1}", ((entry, Exact(1)),), lower, upper)
+
+
 @dataclass(frozen=True)
 class Slopes:
     """Claimed bounds of the Jacobian of phi, shapes (n, n); entries in `auto` are to be found and proved
-    (their lower and upper are 0 until then)."""
+    (their lower and upper are 0 until then).
+
+    joint: functions that several entries share, where they were found; those entries are `offset` plus what the
+    functions add, and lower, upper still bound each of them by itself.
+    """
 
     lower: ExactMatrix
     upper: ExactMatrix
-    auto: frozenset[tuple[int, int]] = frozenset()
+    auto: frozenset[Entry] = frozenset()
+    joint: tuple[Quantity, ...] = ()
+    offset: tuple[tuple[Entry, Exact], ...] = ()
 
     @property
     def entries(self) -> tuple[tuple[int, int], ...]:
@@ -88,6 +131,28 @@ class Slopes:
     def uncertain(self) -> tuple[tuple[int, int], ...]:
         """Entries whose two ends differ: the corners of the class are over these."""
         return tuple((i, j) for i, j in self.entries if (i, j) in self.auto or self.lower[i, j] != self.upper[i, j])
+
+    @property
+    def shared(self) -> frozenset[Entry]:
+        """Entries that are made of the joint functions."""
+        return frozenset((*(entry for entry, _ in self.offset), *(e for rho in self.joint for e, _ in rho.weights)))
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """What varies: the corners of the class are over these. Entries by themselves, row by row, then joint ones."""
+        alone = (entry for entry in self.uncertain if entry not in self.shared)
+        return (*(Quantity.of_entry(entry, self.lower[entry], self.upper[entry]) for entry in alone), *self.joint)
+
+    @property
+    def apart(self) -> Slopes:
+        """The class in which every entry moves by itself: it holds this one."""
+        return replace(self, joint=(), offset=())
+
+    def constant(self, entry: Entry) -> Exact:
+        """What an entry is without the quantities that vary."""
+        if entry in self.shared:
+            return dict(self.offset).get(entry, EXACT_ZERO)
+        return EXACT_ZERO if entry in self.uncertain else self.lower[entry]
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ def _fast_time(at: Callable[[Exact], HybridInclusion]) -> float:
     """A thousandth of the fastest time constant of the flow at the corners."""
     maps = at(Exact(1)).floats
     spread = np.abs(maps.base)
-    for left, right, low, high in zip(maps.left, maps.right, maps.lower, maps.upper, strict=True):
-        spread = spread + np.abs(left @ right) * max(abs(low), abs(high))
+    for part, low, high in zip(maps.parts, maps.lower, maps.upper, strict=True):
+        spread = spread + np.abs(part) * max(abs(low), abs(high))
     size = float(np.linalg.norm(spread, 2)) if np.all(np.isfinite(spread)) else 0.0
     return 1e-3 / size if size > 0 else 1e-3

@@ -30,7 +30,7 @@ class StableInterval:
 
 def is_linear(inclusion: HybridInclusion) -> bool:
     """No uncertain slope, one constant period."""
-    return not inclusion.entries and inclusion.sampling.is_periodic
+    return not inclusion.quantities and inclusion.sampling.is_periodic
 
 
 def stable_intervals(inclusion: HybridInclusion, shortest: float, longest: float) -> list[StableInterval]:

@@ -114,7 +114,7 @@ class CommonQuadratic(Method):
 
 def is_linear_loop(question: Question) -> bool:
     """No uncertain slope, an interval of periods."""
-    return not question.inclusion.entries and question.law.is_bounded and not question.law.is_periodic
+    return not question.inclusion.quantities and question.law.is_bounded and not question.law.is_periodic
 
 
 def sampled_loop(question: Question) -> SampledError | None:

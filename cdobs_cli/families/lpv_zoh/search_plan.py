@@ -36,7 +36,7 @@ _SPAN = 1.15**24
 
 def size(plant: Plant) -> int:
     """What a clock certificate costs, roughly: (n + p)^3 times the corners."""
-    return int((plant.n + plant.p) ** 3 * 2 ** len(plant.slopes.uncertain))
+    return int((plant.n + plant.p) ** 3 * 2 ** len(plant.slopes.quantities))
 
 
 def clock_is_tried(question: Question) -> bool:
@@ -112,7 +112,7 @@ def rungs(family: LpvZeroOrderHold, question: Question) -> Sequence[Rung]:
 
 
 def too_many_corners(plant: Plant) -> str | None:
-    corners = 2 ** len(plant.slopes.uncertain)
+    corners = 2 ** len(plant.slopes.quantities)
     if corners <= MOST_CORNERS:
         return None
     return f"the slope box has {corners} corners, at most {MOST_CORNERS} are taken: declare fewer slopes that vary"

@@ -40,14 +40,11 @@ def error_maps(view: PlantView[Mat]) -> ErrorMaps[Mat]:
     Source: Boukal2020, (24), written over (e, w).
     """
     A, C, L = view.A, view.C, view.gain["L"]
-    n = A.shape[0]
-    units: list[Any] = [view.unit(i) for i in range(n)]
     F: Any = A - L @ C
     held = C.T * 0
     return ErrorMaps(
         base=block([[F, L], [C @ F, C @ L]]),
-        left=tuple(block([[units[i]], [C @ units[i]]]) for i, _ in view.entries),
-        right=tuple(block([[units[j].T, held[[j], :]]]) for _, j in view.entries),
+        parts=tuple(block([[part, held], [C @ part, C @ held]]) for part in view.parts),
         lower=view.lower,
         upper=view.upper,
         jump=block([[view.identity, held], [held.T, (C @ C.T) * 0]]),

@@ -200,7 +200,7 @@ class ReachableSet(Method):
         """V after k periods is at most rho^(2k) V, and between samples |e| grows at most by exp(mu delta), mu the largest
         logarithmic norm of A + V; twice that growth, as the first jump may come a period late."""
         plant, delta, rho_squared = question.plant, float(self.law.T_max), float(Fraction(self.rho_squared))
-        if len(plant.slopes.uncertain) > MAX_ENTRIES_OF_ETA or not 1e-12 < rho_squared < 1 or self.form != "reduced":
+        if len(plant.slopes.quantities) > MAX_ENTRIES_OF_ETA or not 1e-12 < rho_squared < 1 or self.form != "reduced":
             return None
         space = kernel(plant.C)
         eigenvalues = np.linalg.eigvalsh(ExactMatrix(self.Q or []).floats)
@@ -241,7 +241,7 @@ def constants(question: Question, certificate: ReachableSet) -> Constants | None
     Source: Dinh2014, proof of Theorem II.2
     """
     plant, K = question.plant, question.gain("K")
-    large = plant.n > MAX_STATES_OF_CONSTANTS or len(plant.slopes.uncertain) > MAX_ENTRIES_OF_ETA
+    large = plant.n > MAX_STATES_OF_CONSTANTS or len(plant.slopes.quantities) > MAX_ENTRIES_OF_ETA
     boxes = None if large else matrix_set(question.card, plant, certificate.law.T_max)
     if boxes is None or (certificate.s is None and certificate.form == "reduced"):
         return None

@@ -26,9 +26,7 @@ def undetectable(plant: Plant) -> str | None:
     middle = tuple((low + high) / 2 for low, high in zip(view.lower, view.upper, strict=True))
     corners = product(*zip(view.lower, view.upper, strict=True))
     for v in (middle, *islice(corners, MAX_CORNERS)):
-        flow = view.A.copy()
-        for value, (i, j) in zip(v, view.entries, strict=True):
-            flow[i, j] += value
+        flow = view.flow(v)
         if not np.all(np.isfinite(flow)):
             return None
         eigenvalues = np.linalg.eigvals(flow)
@@ -49,9 +47,7 @@ def undetectable(plant: Plant) -> str | None:
             basis = np.concatenate(space, axis=1)
             seen = view.C @ basis
             if basis.shape[1] and _rank(seen, float(np.linalg.norm(view.C, 2)) or 1.0) < basis.shape[1]:
-                where = ", ".join(
-                    f"V_{i + 1}{j + 1} = {value:g}" for value, (i, j) in zip(v, view.entries, strict=True)
-                )
+                where = ", ".join(f"{rho.text(plant.states)} = {value:g}" for value, rho in zip(v, view.quantities, strict=True))
                 return (
                     f"(exp((A + V) delta), C) is not detectable at delta = {delta:g}{' with ' + where if where else ''}: "
                     f"no output sees the eigenvalue {_complex(complex(sampled[a]))}"

@@ -146,7 +146,7 @@ class Clock(Method):
 
     def _prove(self, question: Question) -> Proof:
         law, shape, sigma, P = self.law, self.shape, rate_of(self.sigma), self.coefficients
-        if len(question.inclusion.entries) > MAX_CORNER_ENTRIES or not _well_posed(shape, law):
+        if len(question.inclusion.quantities) > MAX_CORNER_ENTRIES or not _well_posed(shape, law):
             return NOTHING
         maps = in_basis(question.inclusion.balls, self.S, self.S.inverse())
         size = maps.base.shape
@@ -269,7 +269,7 @@ def shapes(question: Question) -> Iterator[Shape]:
     if law.is_updated:
         return
     T_min, T_max = float(law.T_min), float(law.T_max)
-    if not 0 < T_max < 1e12 or len(question.inclusion.entries) > MAX_CORNER_ENTRIES:
+    if not 0 < T_max < 1e12 or len(question.inclusion.quantities) > MAX_CORNER_ENTRIES:
         return
     N = question.inclusion.floats.base.shape[0]
     for (d, D, pieces), largest in zip(_SCHEDULE, _LARGEST[question.level], strict=True):
@@ -292,7 +292,7 @@ def design_impulsive(question: Question, letter: str = "K") -> tuple[ExactMatrix
     be proved from 0. Uses the solver; the memory as in `Clock.propose`.
     """
     law = question.law
-    if len(question.inclusion.entries) > MAX_CORNER_ENTRIES or law.T_max.sign() != 1 or law.is_updated:
+    if len(question.inclusion.quantities) > MAX_CORNER_ENTRIES or law.T_max.sign() != 1 or law.is_updated:
         return None
     away = question
     if law.from_zero:
@@ -348,8 +348,8 @@ def _solve(question: Question, shape: Shape, C: Array | None) -> tuple[Solution,
     if law.from_zero:  # its zeros and ones exactly so
         exact = Matrix.from_rows(S)
         jump = (exact.inverse() @ inclusion.balls.jump @ exact).floats
-    unit = ErrorMaps(maps.base * T, tuple(column * T for column in maps.left), maps.right, maps.lower, maps.upper, jump)
-    if not all(np.all(np.isfinite(part)) for part in (unit.base, unit.jump, *unit.left, *unit.right)):
+    unit = ErrorMaps(maps.base * T, tuple(part * T for part in maps.parts), maps.lower, maps.upper, jump)
+    if not all(np.all(np.isfinite(part)) for part in (unit.base, unit.jump, *unit.parts)):
         return None
     problem = Search(shape, float(law.T_min) / T, maps.base.shape[0], None if C is None else C @ change, law.from_zero)
     problem.cuts = question.memory.setdefault((shape, C is None), set())

@@ -256,9 +256,9 @@ class _Cells:
         family = self.family
         lo, hi = ([float(arb(value).mid()) for value in ends] for ends in (family.lo, family.hi))
         J = np.array([[float(x), 0.0], [-float(K_2), 1.0]])
-        left = np.array([[0.0], [1.0]])
         base = np.array([[0.0, 1.0], [0.0, 0.0]])
-        maps = ErrorMaps(base, (left, left), (np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])), tuple(lo), tuple(hi), J)
+        parts = (np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([[0.0, 0.0], [0.0, 1.0]]))
+        maps = ErrorMaps(base, parts, tuple(lo), tuple(hi), J)
         period = Exact(self.delta)
         learned = False
         for count in range(1, 5):

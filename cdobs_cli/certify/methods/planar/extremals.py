@@ -147,8 +147,9 @@ def planar_class(inclusion: HybridInclusion) -> tuple[PlanarClass, Any] | None:
     b = maps.base[0, 1]
     lo = [maps.base[1, 0], maps.base[1, 1]]
     hi = list(lo)
-    for (i, j), low, high in zip(inclusion.entries, maps.lower, maps.upper, strict=True):
-        if i != 1 or j > 1:
+    for rho, low, high in zip(inclusion.quantities, maps.lower, maps.upper, strict=True):
+        i, j = rho.entry
+        if i != 1 or j > 1 or not rho.is_entry:
             return None
         lo[j], hi[j] = lo[j] + _exact(low), hi[j] + _exact(high)
     ends = (lo[0] * b, hi[0] * b) if b > 0 else (hi[0] * b, lo[0] * b)
