@@ -204,7 +204,9 @@ class _Search:
         import numpy as np
 
         flat = [arc for period in arcs for arc in period]
-        v = np.where(np.array([corner for _, corner in flat], dtype=bool).reshape(len(flat), self.k), self.upper, self.lower)
+        v = np.where(
+            np.array([corner for _, corner in flat], dtype=bool).reshape(len(flat), self.k), self.upper, self.lower
+        )
         flows = self.maps.base + np.einsum("sk,kij->sij", v, self.parts)
         E = iter(self.exponentials(flows * np.array([length for length, _ in flat])[:, None, None]))
         M = np.eye(flows.shape[-1])

@@ -77,7 +77,8 @@ class Unseen:
     def sentence(self, plant: Plant) -> str:
         """Why no gain helps, in the names of the states."""
         slopes = ", ".join(
-            f"{rho.text(plant.states)} = {_short(value)}" for value, rho in zip(self.values, plant.slopes.quantities, strict=True)
+            f"{rho.text(plant.states)} = {_short(value)}"
+            for value, rho in zip(self.values, plant.slopes.quantities, strict=True)
         )
         where = f" with {slopes}" if slopes else ""
         direction = _combination(self.direction, plant.states)
@@ -130,7 +131,9 @@ def _candidates(plant: Plant) -> Iterator[tuple[Exact, ...]]:
 
 def _flow(plant: Plant, values: tuple[Exact, ...]) -> ExactMatrix:
     """A + V, the constant slopes included."""
-    rows = [[value + plant.slopes.constant((i, j)) for j, value in enumerate(row)] for i, row in enumerate(plant.A.rows)]
+    rows = [
+        [value + plant.slopes.constant((i, j)) for j, value in enumerate(row)] for i, row in enumerate(plant.A.rows)
+    ]
     for value, rho in zip(values, plant.slopes.quantities, strict=True):
         for (i, j), weight in rho.weights:
             rows[i][j] = rows[i][j] + weight * value

@@ -115,7 +115,8 @@ class Face:
         return (
             len(self.slopes) == len(quantities)
             and all(
-                rho.lower.is_at_most(v) and v.is_at_most(rho.upper) for rho, v in zip(quantities, self.slopes, strict=True)
+                rho.lower.is_at_most(v) and v.is_at_most(rho.upper)
+                for rho, v in zip(quantities, self.slopes, strict=True)
             )
             and self.period.sign() == 1
             and law.contains(SamplingLaw.periodic(self.period))

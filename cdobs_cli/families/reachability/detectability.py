@@ -47,7 +47,9 @@ def undetectable(plant: Plant) -> str | None:
             basis = np.concatenate(space, axis=1)
             seen = view.C @ basis
             if basis.shape[1] and _rank(seen, float(np.linalg.norm(view.C, 2)) or 1.0) < basis.shape[1]:
-                where = ", ".join(f"{rho.text(plant.states)} = {value:g}" for value, rho in zip(v, view.quantities, strict=True))
+                where = ", ".join(
+                    f"{rho.text(plant.states)} = {value:g}" for value, rho in zip(v, view.quantities, strict=True)
+                )
                 return (
                     f"(exp((A + V) delta), C) is not detectable at delta = {delta:g}{' with ' + where if where else ''}: "
                     f"no output sees the eigenvalue {_complex(complex(sampled[a]))}"
