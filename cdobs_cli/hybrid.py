@@ -152,6 +152,16 @@ class PlantView(Generic[M]):
         )
 
 
+def corrected_copy(view: PlantView[Any]) -> ErrorMaps[Any]:
+    """edot = (A + V) e with V in the slope box, e+ = (I - K C) e, for e = x_hat - x and a copy of the model corrected by
+    K (y - C x_hat) at samples.
+
+    Source: Dinh2014, (8), (10); Andrieu2014, (10)
+    """
+    left, right = tuple(view.unit(i) for i, _ in view.entries), tuple(view.unit(j).T for _, j in view.entries)
+    return ErrorMaps(view.A, left, right, view.lower, view.upper, view.identity - view.gain["K"] @ view.C)
+
+
 def _constant_slopes(slopes: Slopes, value: Callable[[Any], Any]) -> list[list[Any]]:
     uncertain = set(slopes.uncertain)
     n, m = slopes.lower.shape

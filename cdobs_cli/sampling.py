@@ -66,6 +66,11 @@ class SamplingLaw:
         """Behind "sampling": `every 0.6`, `at periods in [0, 5]`."""
         return f"every {self.T_max}" if self.is_periodic else f"at periods in [{self.T_min}, {self.T_max}]"
 
+    @property
+    def open_end(self) -> str:
+        """The law without its largest period: `constant periods`, `periods from 0.1`."""
+        return "constant periods" if self.is_periodic else f"periods from {self.T_min}"
+
     def text(self, unit: str) -> str:
         """For people, in a unit of time: `every 0.6 s`, `at intervals anywhere in [0, 5] s`."""
         if self.is_updated:

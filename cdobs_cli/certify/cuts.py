@@ -1,14 +1,16 @@
-"""Linear matrix inequalities over many corners: cutting planes, so that most corners are never handed over."""
+"""Linear matrix inequalities over many members (corners, matrices of a set): cutting planes, so that most of them are
+never handed over."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from cdobs_cli.certify.lmi import Program, Solution, Unknown, full
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
@@ -22,56 +24,68 @@ _ROUNDS = 40
 
 def largest_margin(
     unknowns: Mapping[str, Unknown],
-    inequality: Callable[[Values, Array], Array],
-    vertices: Sequence[Array],
+    inequality: Callable[[Values, Any], Array],
+    members: Sequence[Any],
     positive: Sequence[Callable[[Values], Array]],
     normalise: Callable[[Values], float] | None = None,
+    *,
+    margins: Callable[[Values], Array] | None = None,
+    share: float = 0.9,
+    memory: dict[Any, list[int]] | None = None,
 ) -> tuple[Solution, float]:
-    """maximise t <= 1 with inequality(x, A_i) <= -t I at every vertex, positive(x) >= t I, normalise(x) = 0.
+    """maximise t <= 1 with inequality(x, member) >= t I at every member, positive(x) >= t I, normalise(x) = 0.
 
-    `normalise` is for inequalities that are homogeneous in the unknowns. The vertices that a guess violates are
-    added until none is; a few suffice even of thousands.
+    The members whose margin a guess leaves below `share` of t are added, until there are none; a few suffice even of
+    thousands. Inequalities that are homogeneous in the unknowns need a `normalise`.
+
+    Args:
+        margins: over all members at once, where that is quicker than the least eigenvalue of each inequality.
+        memory: the members that bound in the search before, by what was searched: this one starts from them.
 
     Returns:
-        The last solution, and its margin over all vertices recomputed from its values: a guess, not a proof.
+        The last solution, and its margin over all members recomputed from its values: a guess, not a proof.
     """
-    import numpy as np
-
-    chosen = list(range(len(vertices))) if len(vertices) <= 2 * _FIRST else _spread(len(vertices))
+    kind, known = ("+".join(unknowns), len(members)), {} if memory is None else memory
+    wanted = known.get(kind) or _spread(len(members))
+    program = Program({**unknowns, "t": full(1, 1)})
     zeros = {name: unknown.matrix(np.zeros(unknown.size)) for name, unknown in unknowns.items()}
-    unit = np.eye(inequality(zeros, vertices[0]).shape[0])
-    units = [np.eye(form(zeros).shape[0]) for form in positive]
 
-    def at(A_i: Array) -> Callable[[Values], Array]:
-        return lambda x: -inequality(x, A_i) - unit * x["t"]
+    def above(form: Callable[[Values], Array]) -> None:
+        unit = np.eye(len(form(zeros)))
+        program.require(lambda x: form(x) - unit * x["t"])
 
-    def above(k: int) -> Callable[[Values], Array]:
-        return lambda x: positive[k](x) - units[k] * x["t"]
-
+    for form in positive:
+        above(form)
+    program.require(lambda x: 1 - x["t"])
+    if normalise is not None:
+        program.equate(lambda x: np.atleast_2d(normalise(x)))
+    program.maximise(lambda x: x["t"])
+    chosen: list[int] = []
     for _ in range(_ROUNDS):
-        program = Program({**unknowns, "t": full(1, 1)})
-        for index in chosen:
-            program.require(at(vertices[index]))
-        for k in range(len(positive)):
-            program.require(above(k))
-        program.require(lambda x: 1 - x["t"])
-        if normalise is not None:
-            program.equate(lambda x: np.atleast_2d(normalise(x)))
-        program.maximise(lambda x: x["t"])
+        for k in wanted:
+            above(lambda x, member=members[k]: inequality(x, member))  # type: ignore[misc]
+        chosen += wanted
         solution = program.solve()
         x = solution.values
         if not all(np.all(np.isfinite(value)) for value in x.values()):
             return solution, -np.inf
-        margins = -np.linalg.eigvalsh(np.array([inequality(x, A_i) for A_i in vertices]))[:, -1]
-        margin = min(float(margins.min()), *(float(np.linalg.eigvalsh(form(x))[0]) for form in positive))
-        wanted = float(x["t"][0, 0])
-        worst = [int(i) for i in np.argsort(margins)[:_MORE] if i not in chosen and margins[i] < 0.9 * wanted]
-        if wanted <= 0 or not worst:
+        met = _least(x, inequality, members) if margins is None else margins(x)
+        margin = min(float(met.min()), *(float(np.linalg.eigvalsh(form(x))[0]) for form in positive))
+        t = float(x["t"][0, 0])
+        known[kind] = sorted(chosen, key=lambda k: float(met[k]))[: 4 * _FIRST]
+        wanted = [int(k) for k in np.argsort(met)[:_MORE] if k not in chosen and met[k] < share * t]
+        if t <= 0 or not wanted:
             break
-        chosen += worst
     return solution, margin
 
 
+def _least(x: Values, inequality: Callable[[Values, Any], Array], members: Sequence[Any]) -> Array:
+    eigenvalues: Array = np.linalg.eigvalsh(np.array([inequality(x, member) for member in members]))[:, 0]
+    return eigenvalues
+
+
 def _spread(count: int) -> list[int]:
-    """Corners that differ much: the ends, and some between."""
+    """All of a few; of many some that differ much: the ends, and some between."""
+    if count <= 2 * _FIRST:
+        return list(range(count))
     return sorted({round(k * (count - 1) / (_FIRST - 1)) for k in range(_FIRST)})

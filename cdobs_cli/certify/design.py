@@ -5,11 +5,11 @@ worth proving of it.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify import judge
+from cdobs_cli.certify.gains import Candidate, GainSearch, NoDesignError
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.dead_beat import DeadBeat, resets
 from cdobs_cli.certify.methods.rung import Rung, fastest
@@ -18,44 +18,6 @@ from cdobs_cli.design import Design, Outcome
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
-
-
-class NoDesignError(Exception):
-    """No gain was found; the message says how far the search went."""
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A gain as it is run, for a law, and where one is known already its certificate; the largest merit wins."""
-
-    gain: ExactMatrix
-    law: SamplingLaw
-    merit: float = 0.0
-    method: Method | None = None
-
-    @staticmethod
-    def of(met: tuple[ExactMatrix, Method] | None, merit: float | None = None) -> Candidate | None:
-        """A gain with its certificate; its merit is its period where none is said."""
-        if met is None:
-            return None
-        gain, method = met
-        return Candidate(gain, method.law, float(method.law.T_max) if merit is None else merit, method)
-
-
-class GainSearch:
-    """One way of finding a gain. Each verb returns None, or raises NoDesignError, where it finds none."""
-
-    def at(self, question: Question) -> Candidate | None:
-        """A gain for the question's law."""
-        return None
-
-    def longest(self, question: Question) -> Candidate | None:
-        """The gain of the longest period; the question's own is the least acceptable."""
-        return None
-
-    def fastest(self, question: Question) -> Candidate | None:
-        """The gain of the largest rate under the question's law."""
-        return None
 
 
 class Card(judge.Card, Protocol):

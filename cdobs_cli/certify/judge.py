@@ -211,7 +211,7 @@ def _bounds(judgement: Judgement) -> dict[str, Bound]:
     """The bracket of the period with its ladder of methods, of all gains met, and the rate under the law."""
     question, law, usable = judgement.question, judgement.law, judgement.usable
     own = [item for item in usable if item.own]
-    about = "this gain" if law.is_periodic else f"this gain, periods from {law.T_min}"
+    about = f"this gain, {law.open_end}"
     bounds: dict[str, Bound] = {}
     if any(isinstance(item.method, DeadBeat) for item in own) and resets(question.inclusion):
         for name in ("period_max", "period_max_any_gain"):

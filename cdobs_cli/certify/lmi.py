@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 _LOG: ContextVar[list[SolverRecord] | None] = ContextVar("solver log", default=None)
+Cone = tuple[Literal["zero", "psd"], int]
 Affine = Callable[[Mapping[str, "Array"]], "Array"]
 
 
@@ -143,14 +144,14 @@ class Program:
 
     def solve(self, *, tolerance: float = 1e-9, iterations: int = 200) -> Solution:
         """Ask Clarabel, one thread."""
-        import clarabel
         import numpy as np
 
-        rows, right, cones = [], [], []
+        rows, right = [], []
+        cones: list[Cone] = []
         for offset, coefficients in self._equalities:
             rows.append(-coefficients.reshape(self.size, -1).T)
             right.append(offset.reshape(-1))
-            cones.append(clarabel.ZeroConeT(offset.size))
+            cones.append(("zero", offset.size))
         for offset, coefficients in self._semidefinite:
             dimension = offset.shape[0]
             # Clarabel's triangle: the upper triangle by columns, off-diagonals times sqrt 2.
@@ -158,16 +159,18 @@ class Program:
             scale = np.where(i == j, 1.0, np.sqrt(2.0))
             rows.append(-(coefficients[:, i, j] * scale).T)
             right.append(offset[i, j] * scale)
-            cones.append(clarabel.PSDTriangleConeT(dimension))
+            cones.append(("psd", dimension))
         cost = np.zeros(self.size) if self._cost is None else self._cost
         x, record = ask_clarabel(cost, compressed(np.vstack(rows)), np.concatenate(right), cones, tolerance, iterations)
         return Solution(record.status == "Solved", self._split(x), -float(cost @ x), record)
 
 
 def ask_clarabel(
-    cost: Array, A: SparseColumns, b: Array, cones: list[Any], tolerance: float = 1e-9, iterations: int = 200
+    cost: Array, A: SparseColumns, b: Array, cones: list[Cone], tolerance: float = 1e-9, iterations: int = 200
 ) -> tuple[Array, SolverRecord]:
-    """minimise cost' x subject to b - A x in the product of cones; one thread. The last iterate and how it went."""
+    """minimise cost' x subject to b - A x in the product of cones; one thread. The last iterate and how it went.
+
+    Cones: ("zero", size) or ("psd", dimension), a triangle by columns with off-diagonals times sqrt 2."""
     import clarabel
     import numpy as np
 
@@ -178,7 +181,9 @@ def ask_clarabel(
     settings.max_threads = 1
     settings.max_iter = iterations
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-    result = clarabel.DefaultSolver(zero, cost, A, b, cones, settings).solve()
+    kinds = {"zero": clarabel.ZeroConeT, "psd": clarabel.PSDTriangleConeT}
+    product = [kinds[kind](count) for kind, count in cones]
+    result = clarabel.DefaultSolver(zero, cost, A, b, product, settings).solve()
     record = SolverRecord("clarabel", clarabel.__version__, str(result.status), int(result.iterations))
     log = _LOG.get()
     if log is not None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from cdobs_cli.certify import search
 from cdobs_cli.certify.climb import GAIN_DIGITS, Climb
-from cdobs_cli.certify.design import Candidate, GainSearch, NoDesignError
+from cdobs_cli.certify.gains import Candidate, GainSearch, NoDesignError
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.rung import Rung, rate_over
 from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger

@@ -100,7 +100,7 @@ def _search(given: PlantView[Any], tau: float, alpha_tau: float) -> tuple[Array,
     L, R, one = view.gain["L"], np.eye(1, len(view.A), 1), np.eye(1)
     solution, margin = largest_margin(
         {"P": symmetric(len(view.A))},
-        lambda x, A_i: theorems.repaired_flow(x["P"], L, A_i - L @ view.C, R, 1.0, alpha_tau, one),
+        lambda x, A_i: -theorems.repaired_flow(x["P"], L, A_i - L @ view.C, R, 1.0, alpha_tau, one),
         view.vertices,
         (lambda x: x["P"], lambda x: theorems.repaired_jump(x["P"], view.C, L[0, 0], 1.0, alpha_tau)),
     )

@@ -42,7 +42,6 @@ def error_maps(view: PlantView[Mat]) -> ErrorMaps[Mat]:
     A, C, L = view.A, view.C, view.gain["L"]
     n = A.shape[0]
     units: list[Any] = [view.unit(i) for i in range(n)]
-    I_n = block([units])
     F: Any = A - L @ C
     held = C.T * 0
     return ErrorMaps(
@@ -51,7 +50,7 @@ def error_maps(view: PlantView[Mat]) -> ErrorMaps[Mat]:
         right=tuple(block([[units[j].T, held[[j], :]]]) for _, j in view.entries),
         lower=view.lower,
         upper=view.upper,
-        jump=block([[I_n, held], [held.T, (C @ C.T) * 0]]),
+        jump=block([[view.identity, held], [held.T, (C @ C.T) * 0]]),
     )
 
 

@@ -19,7 +19,7 @@ from cdobs_cli.fields import ExpressionInDelta, Rows
 
 if TYPE_CHECKING:
     from cdobs_cli.certificate import Bound, Certificate, Check, Claim
-    from cdobs_cli.certify.design import GainSearch
+    from cdobs_cli.certify.gains import GainSearch
     from cdobs_cli.certify.judge import Judgement
     from cdobs_cli.certify.methods.base import Method, Question
     from cdobs_cli.certify.methods.rung import Rung

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ZERO, Expression, Variable
 from cdobs_cli.exact.numbers import ExactMatrix
-from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, Observer, PlantView
+from cdobs_cli.hybrid import HybridInclusion, Observer, corrected_copy
 from cdobs_cli.plant import Plant
 
 PREFIX = "hat."
@@ -37,26 +36,6 @@ def observer(plant: Plant, design: Design) -> Observer:
     )
 
 
-def error_maps(view: PlantView[Any]) -> ErrorMaps[Any]:
-    """edot = (A + V) e with V in the slope box, e+ = (I - K C) e, for e = x_hat - x.
-
-    Source: Dinh2014, (8), (10)
-    """
-    n = view.A.shape[0]
-    unit = [view.unit(i) for i in range(n)]
-    identity = unit[0] @ unit[0].T
-    for column in unit[1:]:
-        identity = identity + column @ column.T
-    return ErrorMaps(
-        base=view.A,
-        left=tuple(unit[i] for i, _ in view.entries),
-        right=tuple(unit[j].T for _, j in view.entries),
-        lower=view.lower,
-        upper=view.upper,
-        jump=identity - view.gain["K"] @ view.C,
-    )
-
-
 def inclusion(plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
     """The error system of the plant with gain K under the plant's sampling law."""
-    return HybridInclusion(error_maps, plant, gain, plant.sampling, plant.slopes.uncertain)
+    return HybridInclusion(corrected_copy, plant, gain, plant.sampling, plant.slopes.uncertain)

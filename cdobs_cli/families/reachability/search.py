@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cdobs_cli.certify.cuts import largest_margin
 from cdobs_cli.certify.kernel import Kernel
-from cdobs_cli.certify.lmi import Program, full, symmetric
+from cdobs_cli.certify.lmi import full, symmetric
 from cdobs_cli.families.reachability.interval_matrix import IntervalMatrix
 from cdobs_cli.families.reachability.theorems import lmi_reduced, reduced_map, schur_reduced
 
@@ -26,9 +27,7 @@ if TYPE_CHECKING:
 # The members that the last searches ended with, by what was searched: the next period starts from them.
 Memory = dict[Any, Any]
 
-MAX_ROUNDS = 25
 LARGEST = 1e100  # maps beyond this contract nothing, and their squares overflow
-ADDED = 6
 
 
 @dataclass(frozen=True)
@@ -110,18 +109,15 @@ def design(data: Members, memory: Memory) -> Guess:
     if r == 1 and m == 1:
         return _minimax(data)
 
-    def inequality(k: int) -> Callable[[Any], Array]:
-        M = data.M[k]
-        return lambda x: lmi_reduced(x["Q"], reduced_map(x["Q"], x["Y"], M, data.C, data.R, data.N))
-
     def margins(x: Any) -> Array:
-        Z = np.linalg.solve(x["Q"], x["Y"])
-        return _smallest(x["Q"], data.A - Z @ data.b)
+        return _smallest(x["Q"], data.A - np.linalg.solve(x["Q"], x["Y"]) @ data.b)
 
-    solution, t = _cut(len(data.M), {"Q": symmetric(r), "Y": full(r, m)}, inequality, margins, memory)
-    if solution is None:
-        return Guess(t, np.eye(r) / r, np.zeros((r, m)))
-    return Guess(t, solution["Q"], np.linalg.solve(solution["Q"], solution["Y"]))
+    def inequality(x: Any, M: Array) -> Array:
+        block: Array = lmi_reduced(x["Q"], reduced_map(x["Q"], x["Y"], M, data.C, data.R, data.N))
+        return block
+
+    x, t = _largest_margin({"Q": symmetric(r), "Y": full(r, m)}, inequality, data.M, margins, memory)
+    return Guess(t, x["Q"], np.linalg.solve(x["Q"], x["Y"]) if t > 0 else x["Y"])
 
 
 def _minimax(data: Members) -> Guess:
@@ -144,11 +140,33 @@ def lyapunov(F: Array, memory: Memory, rho: float = 1.0) -> tuple[float, Array]:
     if r == 1:
         return rho**2 - float(np.max(F**2)), np.eye(1)
 
-    def inequality(k: int) -> Callable[[Any], Array]:
-        return lambda x: schur_reduced(x["Q"], F[k], rho**2)
+    def margins(x: Any) -> Array:
+        return _smallest(x["Q"], F / rho)
 
-    solution, t = _cut(len(F), {"Q": symmetric(r)}, inequality, lambda x: _smallest(x["Q"], F / rho), memory)
-    return (t, solution["Q"]) if solution else (t, np.eye(r) / r)
+    x, t = _largest_margin({"Q": symmetric(r)}, lambda x, F_k: schur_reduced(x["Q"], F_k, rho**2), F, margins, memory)
+    return t, x["Q"]
+
+
+def _largest_margin(
+    unknowns: dict[str, Any],
+    inequality: Callable[[Any, Array], Array],
+    members: Array,
+    margins: Callable[[Any], Array],
+    memory: Memory,
+) -> tuple[Any, float]:
+    """maximise t with inequality >= t I at every member, Q >= t I, trace Q = 1: the unknowns, and t; not positive where
+    no guess holds at all members."""
+    try:
+        solution, margin = largest_margin(
+            unknowns, inequality, list(members), (lambda x: x["Q"],), lambda x: np.trace(x["Q"]) - 1,
+            margins=margins, share=0.5, memory=memory,
+        )  # fmt: skip
+    except np.linalg.LinAlgError:
+        return {name: unknown.matrix(np.zeros(unknown.size)) for name, unknown in unknowns.items()}, -1.0
+    t = float(solution.values["t"][0, 0])
+    if not np.isfinite(t) or not t > 1e-13:
+        return solution.values, t if np.isfinite(t) else -1.0
+    return solution.values, t if margin > 0 else -1e-9
 
 
 def contraction(Q: Array, F: Array) -> float:
@@ -184,50 +202,3 @@ def _smallest(Q: Array, F: Array) -> Array:
     """The smallest eigenvalue of Q - F_k'Q F_k for each k."""
     values: Any = np.linalg.eigvalsh(Q - np.swapaxes(F, 1, 2) @ Q @ F)[:, 0]
     return values  # type: ignore[no-any-return]
-
-
-def _cut(
-    count: int,
-    unknowns: dict[str, Any],
-    inequality: Callable[[int], Callable[[Any], Array]],
-    margins: Callable[[Any], Array],
-    memory: Memory,
-) -> tuple[Any, float]:
-    """Maximise t with inequality(k) >= t I for every k < count, trace Q = 1, by cutting planes.
-
-    Returns (unknowns, t) where `margins`, taken over every k, are all positive; else (None, t) with t <= 0 an
-    upper bound of the largest t, as far as the solver is right.
-    """
-    program = Program({**unknowns, "t": full(1, 1)})
-    r = unknowns["Q"].rows
-    program.equate(lambda x: np.array([[np.trace(x["Q"]) - 1.0]]))
-    program.maximise(lambda x: x["t"])
-    program.require(lambda x: x["Q"] - x["t"][0, 0] * np.eye(r))
-    chosen: list[int] = []
-    start = min(count, 4 * r)
-    kind = ("+".join(unknowns), count)
-    wanted = memory.get(kind) or sorted({round(k * (count - 1) / max(1, start - 1)) for k in range(start)})
-    found: Any = None
-    t = -1.0
-    for _ in range(MAX_ROUNDS):
-        for k in wanted:
-            function = inequality(k)
-            program.require(lambda x, f=function: f(x) - x["t"][0, 0] * np.eye(len(f(x))))  # type: ignore[misc]
-        chosen += wanted
-        solution = program.solve()
-        t = float(solution.values["t"][0, 0])
-        if not np.isfinite(t):
-            return None, -1.0
-        try:
-            values = margins(solution.values)
-        except np.linalg.LinAlgError:
-            return None, -1.0
-        memory[kind] = sorted(chosen, key=lambda k: float(values[k]))[: 12 * r]
-        if not t > 1e-13:
-            return None, t
-        if np.min(values) > 0 and np.linalg.eigvalsh(solution.values["Q"])[0] > 0:
-            found = solution.values
-        wanted = [k for k in map(int, np.argsort(values)[: 2 * ADDED]) if values[k] < 0.5 * t and k not in chosen][:ADDED]
-        if not wanted:
-            break
-    return (found, t) if found is not None else (None, -1e-9)

@@ -9,7 +9,7 @@ from math import inf
 from typing import TYPE_CHECKING
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify.design import Candidate, GainSearch
+from cdobs_cli.certify.gains import Candidate, GainSearch
 from cdobs_cli.certify.kernel import kernel
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.clock.design import ImpulsiveGain

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 
 from cdobs_cli.certify import search
-from cdobs_cli.certify.design import Candidate, GainSearch
+from cdobs_cli.certify.gains import Candidate, GainSearch
 from cdobs_cli.certify.kernel import Kernel, kernel
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, plain_decimal

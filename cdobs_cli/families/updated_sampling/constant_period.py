@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
-from typing import Any
 
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify import search
@@ -12,26 +11,12 @@ from cdobs_cli.certify.methods.base import Question, read
 from cdobs_cli.certify.methods.clock.certificate import design_impulsive
 from cdobs_cli.certify.methods.rung import GENERAL
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
-from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, PlantView
+from cdobs_cli.hybrid import HybridInclusion, corrected_copy
 from cdobs_cli.plant import Plant, Slopes
 from cdobs_cli.sampling import SamplingLaw
 
 MAX_STATES = 3
 METHOD = "constant_period"
-
-
-def error_maps(view: PlantView[Any]) -> ErrorMaps[Any]:
-    """edot = (A + V) e, e+ = (I - K C) e, for e = x_hat - x and a copy of the model corrected by K (y - C x_hat).
-
-    Source: Andrieu2014, (10)
-    """
-    unit = [view.unit(i) for i in range(view.A.shape[0])]
-    identity = unit[0] @ unit[0].T
-    for column in unit[1:]:
-        identity = identity + column @ column.T
-    left, right = tuple(unit[i] for i, _ in view.entries), tuple(unit[j].T for _, j in view.entries)
-    jump = identity - view.gain["K"] @ view.C if "K" in view.gain else identity
-    return ErrorMaps(view.A, left, right, view.lower, view.upper, jump)
 
 
 def class_with(plant: Plant, variant: str, c: Exact, T: Exact, gain: dict[str, ExactMatrix]) -> HybridInclusion:
@@ -41,7 +26,7 @@ def class_with(plant: Plant, variant: str, c: Exact, T: Exact, gain: dict[str, E
     upper = ExactMatrix([[c if entry else Exact(0) for entry in row] for row in inside])
     lower = ExactMatrix([[-c if entry else Exact(0) for entry in row] for row in inside])
     slopes, law = Slopes(lower, upper), SamplingLaw.periodic(T)
-    return HybridInclusion(error_maps, replace(plant, slopes=slopes, sampling=law), gain, law, slopes.uncertain)
+    return HybridInclusion(corrected_copy, replace(plant, slopes=slopes, sampling=law), gain, law, slopes.uncertain)
 
 
 def longest(plant: Plant, variant: str, c: Exact, effort: int) -> Certificate | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 
 from cdobs_cli.certify import search
-from cdobs_cli.certify.design import Candidate, GainSearch
+from cdobs_cli.certify.gains import Candidate, GainSearch
 from cdobs_cli.certify.kernel import kernel
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.clock.certificate import design_impulsive

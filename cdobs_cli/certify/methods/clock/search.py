@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cdobs_cli.certify.bernstein import derivative, elevation
+from cdobs_cli.certify.lmi import Cone, SparseColumns, ask_clarabel
 from cdobs_cli.certify.methods.clock.form import Shape, erases_the_rest, jump_block, jump_gap, kept_states, lyapunov
 from cdobs_cli.hybrid import ErrorMaps
 
@@ -155,13 +156,13 @@ class Search:
     def _unknown(self, number: int) -> slice:
         return slice(number * self._t, (number + 1) * self._t)
 
-    def _static(self, J: Array) -> tuple[list[Array], list[float], list[tuple[str, int]]]:
+    def _static(self, J: Array) -> tuple[list[Array], list[float], list[Cone]]:
         """Trace, block structure of P(0), P(0) on the range of J, and the jump inequality."""
         from cdobs_cli.exact.matrix import Matrix
 
         rows: list[Array] = []
         right: list[float] = []
-        cones: list[tuple[str, int]] = []
+        cones: list[Cone] = []
         exact = Matrix.from_floats(J)
         kept = kept_states(exact) if self.C is None else []
         positive = kept if kept and erases_the_rest(exact, kept) else list(range(self.N))
@@ -221,11 +222,7 @@ class Search:
         rows[:, -1] = self.svec(np.eye(dimension))
         return rows
 
-    def _ask(self, L: Array, static: tuple[list[Array], list[float], list[tuple[str, int]]]) -> Solution | None:
-        import clarabel
-
-        from cdobs_cli.certify.lmi import SparseColumns, ask_clarabel
-
+    def _ask(self, L: Array, static: tuple[list[Array], list[float], list[Cone]]) -> Solution | None:
         t, size = self._t, self._size
         g, e, first = self.operators
         cuts = sorted(self.cuts)
@@ -255,11 +252,10 @@ class Search:
         A = SparseColumns(data[order], rows[order], pointers, (height, size))
         b = np.zeros(height)
         b[: len(right)] = right
-        kinds = [clarabel.ZeroConeT(d) if kind == "zero" else clarabel.PSDTriangleConeT(d) for kind, d in cones]
-        kinds += [clarabel.PSDTriangleConeT(self.N)] * len(cuts)
+        flow: Cone = ("psd", self.N)
         cost = np.zeros(size)
         cost[-1] = -1.0
-        x, record = ask_clarabel(cost, A, b, kinds, 1e-8, 100)
+        x, record = ask_clarabel(cost, A, b, [*cones, *[flow] * len(cuts)], 1e-8, 100)
         if not np.all(np.isfinite(x)):
             return None
         P = list(np.einsum("nk,kij->nij", x[: self.shape.count * t].reshape(-1, t), self.basis))

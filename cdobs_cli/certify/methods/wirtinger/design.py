@@ -78,7 +78,7 @@ class HeldSynthesis:
             return none
         solution, margin = largest_margin(
             {"P": symmetric(n), "S": full(n, n), "Y": full(n, p), "U": symmetric(p)},
-            lambda x, A_i: synthesis(x["P"], x["S"], x["Y"], x["U"], A_i, view.C, q, epsilon, sigma * tau),
+            lambda x, A_i: -synthesis(x["P"], x["S"], x["Y"], x["U"], A_i, view.C, q, epsilon, sigma * tau),
             view.vertices,
             (lambda x: x["P"], lambda x: x["U"]),
             lambda x: np.trace(x["P"]) - 1,

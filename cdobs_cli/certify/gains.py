@@ -1,0 +1,47 @@
+"""What a search for a gain gives: a candidate, or the reason why there is none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cdobs_cli.certify.methods.base import Method, Question
+from cdobs_cli.exact.numbers import ExactMatrix
+from cdobs_cli.sampling import SamplingLaw
+
+
+class NoDesignError(Exception):
+    """No gain was found; the message says how far the search went."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A gain as it is run, for a law, and where one is known already its certificate; the largest merit wins."""
+
+    gain: ExactMatrix
+    law: SamplingLaw
+    merit: float = 0.0
+    method: Method | None = None
+
+    @staticmethod
+    def of(met: tuple[ExactMatrix, Method] | None, merit: float | None = None) -> Candidate | None:
+        """A gain with its certificate; its merit is its period where none is said."""
+        if met is None:
+            return None
+        gain, method = met
+        return Candidate(gain, method.law, float(method.law.T_max) if merit is None else merit, method)
+
+
+class GainSearch:
+    """One way of finding a gain. Each verb returns None, or raises NoDesignError, where it finds none."""
+
+    def at(self, question: Question) -> Candidate | None:
+        """A gain for the question's law."""
+        return None
+
+    def longest(self, question: Question) -> Candidate | None:
+        """The gain of the longest period; the question's own is the least acceptable."""
+        return None
+
+    def fastest(self, question: Question) -> Candidate | None:
+        """The gain of the largest rate under the question's law."""
+        return None
