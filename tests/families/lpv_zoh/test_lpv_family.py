@@ -223,7 +223,8 @@ def test_extreme_scales_end_in_a_verdict(scale):
 def test_too_many_corners_is_no_design():
     n = 4
     slopes = {(i, j): ("-0.01", "0.01") for i in range(n) for j in range(n)}
-    plant = linear_class([["0"] * n] * n, [["1"] + ["0"] * (n - 1)], slopes, up_to("0.1"))
+    chain = [[str(int(j == i + 1)) for j in range(n)] for i in range(n)]  # its outputs tell every state
+    plant = linear_class(chain, [["1"] + ["0"] * (n - 1)], slopes, up_to("0.1"))
     design = family().synthesize(plant, 0)
     assert design.outcome == "none" and "corners" in (design.reason or "")
 

@@ -23,7 +23,7 @@ def test_cutting_planes_find_what_all_corners_find(monkeypatch):
 
     def margin() -> float:
         return cuts.largest_margin(
-            {"P": symmetric(2)}, lambda x, A: x["P"] @ A + A.T @ x["P"], vertices, (lambda x: x["P"],), lambda x: np.trace(x["P"]) - 1
+            {"P": symmetric(2)}, lambda x, A: -x["P"] @ A - A.T @ x["P"], vertices, (lambda x: x["P"],), lambda x: np.trace(x["P"]) - 1
         )[1]
 
     some = margin()
