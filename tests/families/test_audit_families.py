@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 
 import pytest
+from cdobs_cli.families.lpv_zoh.claims import _vertices_claim
 from command import Cdobs
 
 from cdobs_cli.certificate import Certificate
@@ -13,7 +14,6 @@ from cdobs_cli.exact.expression import ZERO
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import parse
 from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold, any_gain
-from cdobs_cli.families.lpv_zoh.claims import _vertices_claim
 from cdobs_cli.families.reachability import Reachability
 from cdobs_cli.families.updated_sampling.lipschitz import rate_claim, typed_rate
 from cdobs_cli.families.updated_sampling.proof import Numbers, prove_prime
