@@ -324,7 +324,8 @@ def slowest_decay(inclusion: HybridInclusion) -> arb | None:
     flows = np.array([maps.flow(tuple(float(v) for v in corner)) for corner in corners])
     if not np.all(np.isfinite(flows)):
         return None
-    worst = int(np.argmax(spectral_radii(maps.jump @ exponentials(flows * float(T)))))
+    with np.errstate(all="ignore"):  # overflow at periods beyond any use
+        worst = int(np.argmax(spectral_radii(maps.jump @ exponentials(flows * float(T)))))
     Phi = exact.flow(tuple(v.scalar for v in corners[worst])).exp(T.scalar)
     rho = spectral_radius_lower(exact.jump @ Phi)
     if not 0 < rho < 1:

@@ -71,6 +71,7 @@ class ConstantGain(Family):
         return Question(self.inclusion(plant, gain or self._nothing(plant)), effort=effort, card=self)
 
     def _nothing(self, plant: Plant) -> dict[str, ExactMatrix]:
+        """A zero gain: what no gain helps against is seen without one."""
         from cdobs_cli.exact.numbers import ExactMatrix
 
         return {self.letter: ExactMatrix([[0] * plant.p for _ in range(plant.n)])}

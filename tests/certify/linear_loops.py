@@ -3,7 +3,7 @@
 import numpy as np
 from example_inclusions import held, impulsive, plant
 
-from cdobs_cli.certify.falsify import exponentials, spectral_radii
+from cdobs_cli.certify.floats import exponentials, spectral_radii
 from cdobs_cli.exact.numbers import Exact, decimal_text
 from cdobs_cli.sampling import SamplingLaw
 

@@ -7,13 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from asking import analyse, design, longest, proves
 from example_inclusions import aperiodic, canonical, held, impulsive, periodic, plant
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify import clock
-from cdobs_cli.certify.falsify import exponentials, refute, spectral_radii
+from cdobs_cli.certify.falsify import refute
+from cdobs_cli.certify.floats import exponentials, spectral_radii
+from cdobs_cli.certify.methods.base import Question
+from cdobs_cli.certify.methods.clock.certificate import GAIN_DIGITS, Clock
+from cdobs_cli.certify.methods.clock.design import ImpulsiveGain
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text
-from cdobs_cli.hybrid import HybridInclusion
 
 
 def open_loop(c, sampling):
@@ -31,31 +34,27 @@ def boukal(law, L=(("1.166",), ("0.332",))):
 )
 def test_designs_for_canonical_plants(c, T):
     """Periods the theory note gives for the clock certificate (its paper's own box: 1.211 for the pendulum)."""
-    inclusion = open_loop(c, periodic(T))
-    K, certificate = clock.design_impulsive(inclusion, 2 if len(c) == 4 else 1)
-    rounded = ExactMatrix.from_floats(K, clock.GAIN_DIGITS)
-    assert np.array_equal(rounded.floats, K)
-    closed = clock.with_gain(inclusion, rounded)
-    reread = Certificate.from_document(certificate.document())
-    assert clock.prove(closed, reread).proved
+    K, certificate = design(open_loop(c, periodic(T)), 2 if len(c) == 4 else 1)
+    assert ExactMatrix.from_floats(K.floats, GAIN_DIGITS) == K
+    closed = impulsive(canonical(c, periodic(T)), K.texts())
+    assert proves(closed, Certificate.from_document(certificate.document()))
     assert refute(closed, 0) is None
 
 
 def test_a_certificate_speaks_for_its_own_gain_law_and_slopes_only():
-    inclusion = open_loop([1, 0], periodic("1.6"))
-    K, certificate = clock.design_impulsive(inclusion, 1)
+    K, certificate = design(open_loop([1, 0], periodic("1.6")), 1)
 
-    def proved(c=(1, 0), gain=K, change=None, law=None):
+    def proved(c=(1, 0), gain=K.floats, change=None, law=None):
         document = certificate.document()
         document["data"] = {**document["data"], **(change or {})}
         if law is not None:
             document["sampling"] = law.document()
         closed = impulsive(canonical(list(c), periodic("1.6")), ExactMatrix.from_floats(gain, 6).texts())
-        return clock.prove(closed, Certificate.from_document(document)).proved
+        return proves(closed, Certificate.from_document(document))
 
     assert proved()
-    assert not proved(gain=K * 1.3)
-    assert not proved(gain=-K)
+    assert not proved(gain=K.floats * 1.3)
+    assert not proved(gain=-K.floats)
     assert not proved(c=(2, 0))
     assert proved(c=("0.9", 0))  # a smaller class
     assert not proved(law=periodic("2.5"))
@@ -71,26 +70,26 @@ def test_a_certificate_speaks_for_its_own_gain_law_and_slopes_only():
 
 def test_held_innovation_from_zero_between_and_at_one_period():
     """A set of periods that grows proves less, never more; the certificate from T_min = 0 covers them all."""
-    from_zero = clock.analyse(boukal(aperiodic(0, "1.45")), 1)
-    between = clock.analyse(boukal(aperiodic("0.3", "1.55")), 1)
-    alone = clock.analyse(boukal(periodic("1.59")), 1)
+    from_zero = analyse(boukal(aperiodic(0, "1.45")), 1)
+    between = analyse(boukal(aperiodic("0.3", "1.55")), 1)
+    alone = analyse(boukal(periodic("1.59")), 1)
     assert from_zero is not None and between is not None and alone is not None
-    assert clock.analyse(boukal(aperiodic("0.3", "1.45")), 1) is not None
-    assert clock.analyse(boukal(periodic("1.45")), 1) is not None
-    assert clock.analyse(boukal(periodic("1.61")), 2) is None
+    assert analyse(boukal(aperiodic("0.3", "1.45")), 1) is not None
+    assert analyse(boukal(periodic("1.45")), 1) is not None
+    assert analyse(boukal(periodic("1.61")), 2) is None
 
 
 def test_decay_rate_of_a_scalar_held_loop_is_ln2_over_tau():
     """edot = -e(t_k), period 3/2: e(t_(k+1)) = -e(t_k)/2 exactly; no rate above ln 2 / 1.5 = 0.46210 may be proved."""
     scalar = plant([[0]], [[0]], [[0]], [[1]], periodic("1.5"))
     inclusion = held(scalar, [["1"]])
-    assert clock.analyse(inclusion, 1, Fraction("0.4620")) is not None
-    assert clock.analyse(inclusion, 1, Fraction("0.4622")) is None
+    assert analyse(inclusion, 1, Fraction("0.4620")) is not None
+    assert analyse(inclusion, 1, Fraction("0.4622")) is None
     # The same through the quadratic function, with a slope that is uncertain by a hair.
     nearly = held(plant([[0]], [["-0.0001"]], [["0.0001"]], [[1]], periodic("1.5")), [["1"]])
-    certificate = clock.analyse(nearly, 1, Fraction("0.455"))
-    assert certificate is not None and certificate.method == clock.METHOD
-    assert clock.analyse(nearly, 2, Fraction("0.4622")) is None
+    certificate = analyse(nearly, 1, Fraction("0.455"))
+    assert certificate is not None and certificate.method == Clock.name
+    assert analyse(nearly, 2, Fraction("0.4622")) is None
 
 
 def test_linear_loops_are_decided_by_their_spectral_radius():
@@ -100,7 +99,7 @@ def test_linear_loops_are_decided_by_their_spectral_radius():
         text = decimal_text(float(T), 4)
         inclusion = impulsive(plant([[0, 1], [-1, 0]], zero, zero, [[1, 0]], periodic(text)), [["1"], ["1.2"]])
         rho = abs(math.cos(float(text)) - 1.2 * math.sin(float(text)))
-        assert (clock.analyse(inclusion, 0) is not None) == (rho < 1)
+        assert (analyse(inclusion, 0) is not None) == (rho < 1)
         assert (refute(inclusion, 0) is not None) == (rho >= 1)
 
 
@@ -108,12 +107,12 @@ def test_linear_loops_are_decided_by_their_spectral_radius():
 def test_what_is_not_detectable_is_never_proved(effort):
     zero = [[0, 0], [0, 0]]
     undetectable = plant([[-1, 0], [0, 0]], zero, [[0, 0], [0, "0.5"]], [[1, 0]], periodic("0.3"))
-    assert clock.design_impulsive(impulsive(undetectable, [["0"], ["0"]]), effort) is None
-    assert clock.analyse(held(undetectable, [["1"], ["1"]]), effort) is None
+    assert design(impulsive(undetectable, [["0"], ["0"]]), effort) is None
+    assert analyse(held(undetectable, [["1"], ["1"]]), effort) is None
     # An oscillator sampled at its half period shows one point of its circle.
     pathological = plant([[0, 1], [-1, 0]], zero, zero, [[1, 0]], periodic("pi"))
-    assert clock.design_impulsive(impulsive(pathological, [["0"], ["0"]]), effort) is None
-    assert clock.analyse(impulsive(pathological, [["1"], ["1"]]), effort) is None
+    assert design(impulsive(pathological, [["0"], ["0"]]), effort) is None
+    assert analyse(impulsive(pathological, [["1"], ["1"]]), effort) is None
 
 
 def random_inclusion(rng, law):
@@ -140,12 +139,12 @@ def test_no_random_plant_is_both_proved_and_refuted():
         C = np.array(made.C.floats)
         gain = np.linalg.pinv(C) + 0.2 * rng.standard_normal((n, p))
         if trial % 2 and law.T_min.sign():
-            designed = clock.design_impulsive(impulsive(made, np.zeros((n, p)).tolist()), 0)
-            gain = gain if designed is None else designed[0]
+            designed = design(impulsive(made, np.zeros((n, p)).tolist()), 0)
+            gain = gain if designed is None else designed[0].floats
             inclusion = impulsive(made, ExactMatrix.from_floats(gain, 6).texts())
         else:
             inclusion = held(made, ExactMatrix.from_floats(gain * (1 + trial % 4), 6).texts())
-        proved = clock.analyse(inclusion, 0) is not None
+        proved = analyse(inclusion, 0) is not None
         refuted = refute(inclusion, 0) is not None
         assert not (proved and refuted)
         proofs, refutations = proofs + proved, refutations + refuted
@@ -167,11 +166,10 @@ def test_monotone_in_the_slopes_and_the_same_in_other_units():
         bound = decimal_text(c / s * unit, 12)
 
         def at(T):
-            made = plant(chain, [[0, 0], ["-" + bound, 0]], [[0, 0], [bound, 0]], [[decimal_text(states[0], 12), 0]], periodic(str(T)))
+            made = plant(chain, [[0, 0], ["-" + bound, 0]], [[0, 0], [bound, 0]], [[decimal_text(states[0], 12), 0]], periodic(T))
             return impulsive(made, [["0"], ["0"]])
 
-        T, _ = clock.largest_period_design(at, Exact(decimal_text(0.5 / unit, 6)), 1)
-        return float(T) * unit
+        return float(ImpulsiveGain().longest(Question(at(decimal_text(0.5 / unit, 6)))).law.T_max) * unit
 
     first = period(1.0)
     assert first >= 1.625
@@ -182,24 +180,19 @@ def test_monotone_in_the_slopes_and_the_same_in_other_units():
 
 
 def test_period_search_for_a_given_gain():
-    inclusion = boukal(aperiodic(0, "0.5"))
-
-    def at(T):
-        return HybridInclusion(inclusion.assemble, inclusion.plant, inclusion.gain, inclusion.sampling.with_period(T), inclusion.entries)
-
-    T, certificate = clock.largest_period(at, Exact("0.5"), 1)
+    T, certificate = longest(lambda T: boukal(aperiodic(0, T)), "0.5", 1)
     assert 1.45 < float(T) < 1.55
-    assert clock.prove(at(T), certificate).proved
-    assert clock.largest_period(lambda T: boukal(aperiodic(0, str(T)), (("-1",), ("0",))), Exact("0.5"), 1) is None
+    assert proves(boukal(certificate.sampling), certificate)
+    assert longest(lambda T: boukal(aperiodic(0, T), (("-1",), ("0",))), "0.5", 1) is None
 
 
 def test_a_proof_loads_no_solver():
-    certificate = clock.analyse(boukal(periodic("1.2")), 0)
+    certificate = analyse(boukal(periodic("1.2")), 0)
     code = (
         "import json, sys; sys.path.insert(0, sys.argv[2]); import test_clock as t;"
         "from cdobs_cli.certificate import Certificate;"
         "c = Certificate.from_document(json.loads(sys.argv[1])); i = t.boukal(c.sampling);"
-        "ok = t.clock.prove(i, c).proved and t.refute(i, 1) is None;"
+        "ok = t.proves(i, c) and t.refute(i, 1) is None;"
         "sys.exit(not ok or any(name in sys.modules for name in ('clarabel', 'cvxpy', 'scipy')))"
     )
     arguments = [json.dumps(certificate.document()), str(Path(__file__).parent)]
@@ -209,23 +202,23 @@ def test_a_proof_loads_no_solver():
 def test_impulsive_jumps_from_period_zero():
     """With C K = I the jump is a projection: laws [0, T] are proved, for any gain that keeps it exactly."""
     law = aperiodic(0, "1.5")
-    K, certificate = clock.design_impulsive(open_loop([1, 0], law), 1)
-    closed = impulsive(canonical([1, 0], law), ExactMatrix.from_floats(K, 6).texts())
-    assert K[0, 0] == 1
-    assert clock.prove(closed, Certificate.from_document(certificate.document())).proved
+    K, certificate = design(open_loop([1, 0], law), 1)
+    closed = impulsive(canonical([1, 0], law), K.texts())
+    assert K[0, 0] == Exact(1)
+    assert proves(closed, Certificate.from_document(certificate.document()))
     assert refute(closed, 2) is None
     # C K = 0.999 keeps 0.001 of the measured error: proved in a basis of its own, not by the projection's certificate.
     nearly = impulsive(canonical([1, 0], law), [["0.999"], [str(K[1, 0])]])
-    assert clock.prove(nearly, clock.analyse(nearly, 1)).proved
-    assert not clock.prove(nearly, certificate).proved
+    assert proves(nearly, analyse(nearly, 1))
+    assert not proves(nearly, certificate)
     # A projection that is not diagonal: C = [1, 2], C K = I.
     slanted = plant([[0, 1], ["-0.5", "-0.2"]], [[0, 0], ["-0.1", 0]], [[0, 0], ["0.1", 0]], [[1, 2]], aperiodic(0, "0.4"))
-    certificate = clock.analyse(impulsive(slanted, [["0.2"], ["0.4"]]), 1)
+    certificate = analyse(impulsive(slanted, [["0.2"], ["0.4"]]), 1)
     assert certificate is not None
-    assert clock.prove(impulsive(slanted, [["0.2"], ["0.4"]]), certificate).proved
-    assert not clock.prove(impulsive(slanted, [["0.2"], ["0.41"]]), certificate).proved
+    assert proves(impulsive(slanted, [["0.2"], ["0.4"]]), certificate)
+    assert not proves(impulsive(slanted, [["0.2"], ["0.41"]]), certificate)
     # Every period of an interval from 0 is in it: a proof for [0, T] is one for each constant period.
-    assert clock.analyse(impulsive(canonical([1, 0], periodic("1.1")), ExactMatrix.from_floats(K, 6).texts()), 1) is not None
+    assert analyse(impulsive(canonical([1, 0], periodic("1.1")), K.texts()), 1) is not None
 
 
 def test_from_zero_what_is_kept_is_not_coupled_with_what_is_lost():
@@ -233,11 +226,11 @@ def test_from_zero_what_is_kept_is_not_coupled_with_what_is_lost():
     law = aperiodic(0, "0.4")
     for K in ("0.6", "1"):
         closed = impulsive(canonical([1, 0], law), [[K], ["0.7"]])
-        certificate = clock.analyse(closed, 0)
+        certificate = analyse(closed, 0)
         (a, _), (c,) = certificate.data["P"][0]
         coupled = [[[a, "1e-9"], [c]], *certificate.data["P"][1:]]
-        assert clock.prove(closed, certificate).proved
-        assert not clock.prove(closed, Certificate(clock.METHOD, law, {**certificate.data, "P": coupled})).proved
+        assert proves(closed, certificate)
+        assert not proves(closed, Certificate(Clock.name, law, {**certificate.data, "P": coupled}))
 
 
 def test_a_function_that_is_negative_on_what_the_jump_enlarges_is_none():
@@ -246,7 +239,7 @@ def test_a_function_that_is_negative_on_what_the_jump_enlarges_is_none():
     loop = impulsive(plant([[-1, 0], [0, 1]], [[0, 0]] * 2, [[0, 0]] * 2, [[0, 1]], law), [["0"], ["-1"]])
     P = [[[a, "0"], ["-1"]] for a in ("1", "1.25", "1.5")]
     data = {"degree": "1", "elevated": "1", "pieces": ["1", "1"], "sigma": "0", "basis": [["1", "0"], ["0", "1"]], "P": P}
-    assert not clock.prove(loop, Certificate(clock.METHOD, law, data)).proved
+    assert not proves(loop, Certificate(Clock.name, law, data))
     stable = impulsive(plant([[-1, 0], [0, -1]], [[0, 0]] * 2, [[0, 0]] * 2, [[0, 1]], law), [["0"], ["1"]])
     data["P"] = [[[a, "0"], ["1"]] for a in ("1", "1.25", "1.5")]
-    assert clock.prove(stable, Certificate(clock.METHOD, law, data)).proved
+    assert proves(stable, Certificate(Clock.name, law, data))

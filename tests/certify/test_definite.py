@@ -9,8 +9,9 @@ from flint import arb
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cdobs_cli.certify.definite import positive_definite
+from cdobs_cli.certify.definite import eigenvalue_range, positive_definite
 from cdobs_cli.exact.matrix import Matrix
+from cdobs_cli.exact.numbers import ExactMatrix
 
 
 @settings(max_examples=60, deadline=None)
@@ -45,3 +46,15 @@ def test_the_margin_is_strict_even_where_it_is_tiny() -> None:
 def test_balls_that_hold_a_singular_matrix_are_open() -> None:
     assert not positive_definite(Matrix.from_rows([[arb(1, 0.5), 0], [0, arb(0, 1e-30)]])).proved
     assert not positive_definite(Matrix.from_rows([[arb("nan"), 0], [0, 1]])).proved
+
+
+def test_eigenvalue_ranges_hold_the_eigenvalues():
+    random = np.random.default_rng(3)
+    for _ in range(20):
+        raw = random.normal(size=(4, 4))
+        M = ExactMatrix.from_floats(raw + raw.T, 6)
+        smallest, largest = (eigenvalue_range(M.balls(), smallest=which) for which in (True, False))
+        values = np.linalg.eigvalsh(M.floats)
+        assert float(smallest.low) - 1e-12 <= values[0] <= float(smallest.high) + 1e-12
+        assert float(largest.low) - 1e-12 <= values[-1] <= float(largest.high) + 1e-12
+        assert float(smallest.high) - float(smallest.low) < 1e-6

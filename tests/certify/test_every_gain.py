@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 from example_inclusions import canonical, impulsive, periodic, plant
 
-from cdobs_cli.certify import every_gain, planar
-from cdobs_cli.certify.falsify import exponentials
+from cdobs_cli.certify.floats import exponentials
+from cdobs_cli.certify.methods.planar.every_gain import period_lost_by_every_gain, refute_every_gain
+from cdobs_cli.certify.methods.planar.extremals import limit_any_gain, planar_class
 from cdobs_cli.exact.numbers import Exact, decimal_text
 
 
@@ -13,29 +14,29 @@ def open_loop(c, T):
 
 def test_pendulum_class_is_lost_by_every_gain_just_above_the_limit():
     """Proved for one gain at 1.7130, lost by all at 1.7131: the limit is 1.713057."""
-    assert every_gain.refute_every_gain(open_loop([1, 0], "1.7131"), 1) is not None
-    assert every_gain.refute_every_gain(open_loop([1, 0], "1.7130"), 0) is None
-    assert every_gain.refute_every_gain(open_loop([1, 0], "0.6"), 0) is None
+    assert refute_every_gain(open_loop([1, 0], "1.7131"), 1) is not None
+    assert refute_every_gain(open_loop([1, 0], "1.7130"), 0) is None
+    assert refute_every_gain(open_loop([1, 0], "0.6"), 0) is None
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_random_pairs(seed):
     rng = np.random.default_rng(100 + seed)
     c = [decimal_text(float(x), 3) for x in 10 ** rng.uniform(-1.5, 1.0, 2)]
-    family, _ = planar.planar_class(open_loop(c, "1"))
-    limit = planar.limit_any_gain(family, 4.0 / max(float(c[1]), float(c[0]) ** 0.5))
+    family, _ = planar_class(open_loop(c, "1"))
+    limit = limit_any_gain(family, 4.0 / max(float(c[1]), float(c[0]) ** 0.5))
     proved = Exact(decimal_text(limit * 0.9999, 8))
-    T, refutation = every_gain.period_lost_by_every_gain(lambda T: open_loop(c, str(T)), proved, 1)
+    T, refutation = period_lost_by_every_gain(lambda T: open_loop(c, str(T)), proved, 1)
     assert limit < float(T) < 1.001 * limit
     assert refutation.cells > 0
-    assert every_gain.refute_every_gain(open_loop(c, str(proved)), 0) is None
+    assert refute_every_gain(open_loop(c, str(proved)), 0) is None
 
 
 def test_where_the_argument_does_not_apply():
     zero = [[0, 0], [0, 0]]
-    assert every_gain.refute_every_gain(impulsive(plant(zero, zero, zero, [[0, 1]], periodic("1")), [["0"], ["0"]]), 0) is None
+    assert refute_every_gain(impulsive(plant(zero, zero, zero, [[0, 1]], periodic("1")), [["0"], ["0"]]), 0) is None
     linear = impulsive(plant([[0, 1], [0, 0]], zero, zero, [[1, 0]], periodic("9")), [["0"], ["0"]])
-    assert every_gain.refute_every_gain(linear, 0) is None  # K = (1, 1/9) stops it
+    assert refute_every_gain(linear, 0) is None  # K = (1, 1/9) stops it
 
 
 def test_gains_drawn_at_random_do_fail():

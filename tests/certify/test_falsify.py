@@ -5,9 +5,10 @@ import pytest
 from example_inclusions import aperiodic, canonical, held, impulsive, periodic, plant
 
 from cdobs_cli.certificate import Witness
-from cdobs_cli.certify import planar
-from cdobs_cli.certify.bracket import largest_proved, smallest_refuted
-from cdobs_cli.certify.falsify import exponentials, refute, refutes
+from cdobs_cli.certify.bracket import smallest_refuted
+from cdobs_cli.certify.falsify import refute, refutes
+from cdobs_cli.certify.floats import exponentials
+from cdobs_cli.certify.methods.planar.extremals import limit_of_gain, planar_class
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import HybridInclusion
 
@@ -103,17 +104,11 @@ def test_hold_from_zero_is_not_refuted_by_the_period_zero():
     assert refute(inclusion, 2) is None
 
 
-def test_largest_proved_bisects_on_proofs_only():
-    found = largest_proved(lambda T: "yes" if float(T) < 1.2345 else None, Exact("0.001"), Exact(100), 1e-6)
-    assert found[1] == "yes" and 1.2345 * (1 - 2e-6) < float(found[0]) < 1.2345
-    assert largest_proved(lambda T: None, Exact(1), Exact(2), 1e-3) is None
-
-
 def test_switching_slopes_defeat_a_gain_that_constant_ones_do_not():
     """Pendulum class, K = (1, 0.8): the exact limit is the planar one; constant slopes reach it much later."""
     inclusion = impulsive(canonical([1, 0], periodic("1.2")), [["1"], ["0.8"]])
-    family, _ = planar.planar_class(inclusion)
-    limit = planar.limit_of_gain(family, 0.8, 3.0)
+    family, _ = planar_class(inclusion)
+    limit = limit_of_gain(family, 0.8, 3.0)
     assert limit == pytest.approx(1.613715, abs=1e-6)
     constant, _ = smallest_refuted(at(inclusion), Exact("1.2"), 0)
     T, witness = smallest_refuted(at(inclusion), Exact("1.2"), 1)

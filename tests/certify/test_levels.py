@@ -8,8 +8,9 @@ from flint import arb
 from scipy.linalg import expm
 from slope_plants import make_plant
 
-from cdobs_cli.certify import clock
-from cdobs_cli.certify.levels import clock_level, constant_level
+from cdobs_cli.certify.levels import constant_level
+from cdobs_cli.certify.methods.base import Question
+from cdobs_cli.certify.methods.clock.certificate import Clock
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.lpv_zoh.observer import inclusion as held
 from cdobs_cli.families.reachability.observer import inclusion as impulsive
@@ -49,22 +50,21 @@ def worst_met(inclusion, n: int) -> np.ndarray:
     ("make", "gain"), [(impulsive, {"K": ExactMatrix([["1"], ["1.5"]])}), (held, {"L": ExactMatrix([["1.8"], ["1.9"]])})]
 )
 def test_no_error_passes_the_proved_transient(make, gain) -> None:
-    closed = make(PLANT, gain)
-    certificate = clock.analyse(closed, 1)
+    asked = Question(make(PLANT, gain))
+    certificate = Clock.propose(asked)
     assert certificate is not None
-    level = clock_level(closed, certificate)
+    level = certificate.level(asked)
     assert level is not None
     bounds = np.array([float(bound) for bound in level.bounds(START)])
-    met = worst_met(closed, 2)
+    met = worst_met(asked.inclusion, 2)
     assert np.all(met <= bounds)
     assert np.all(bounds <= 6 * met)
 
 
 def test_a_certificate_of_another_gain_shows_nothing() -> None:
-    closed = impulsive(PLANT, {"K": ExactMatrix([["1"], ["1.5"]])})
-    certificate = clock.analyse(closed, 0)
+    certificate = Clock.propose(Question(impulsive(PLANT, {"K": ExactMatrix([["1"], ["1.5"]])}), effort=0))
     assert certificate is not None
-    assert clock_level(impulsive(PLANT, {"K": ExactMatrix([["0"], ["0"]])}), certificate) is None
+    assert certificate.level(Question(impulsive(PLANT, {"K": ExactMatrix([["0"], ["0"]])}))) is None
 
 
 def test_the_largest_value_over_a_box_is_at_a_vertex() -> None:

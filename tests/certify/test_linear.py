@@ -3,12 +3,11 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from asking import longest, proves
 from example_inclusions import canonical, held, impulsive, periodic, plant
 
-from cdobs_cli.certify import clock
 from cdobs_cli.certify.bracket import smallest_refuted
 from cdobs_cli.certify.linear import _covers, _prove, stable_intervals
-from cdobs_cli.exact.numbers import Exact
 
 ZERO = [[0, 0], [0, 0]]
 
@@ -38,8 +37,8 @@ def test_linear_brackets_are_narrow():
         (lambda T: impulsive(canonical([0, 0, 0], periodic(str(T))), [["1"], ["1.5"], ["0.5"]]), "0.3"),
         (lambda T: held(plant([[0, 1], [-2, -1]], ZERO, ZERO, [[1, 0]], periodic(str(T))), [["2"], ["1"]]), "0.2"),
     ):
-        T, certificate = clock.largest_period(at, Exact(start), 0)
-        assert clock.prove(at(T), certificate).proved
+        T, certificate = longest(at, start, 0)
+        assert proves(at(T), certificate)
         lost, _ = smallest_refuted(at, T, 0)
         assert float(T) < float(lost) < 1.001 * float(T)
 
@@ -47,7 +46,7 @@ def test_linear_brackets_are_narrow():
 def test_a_loop_that_never_converges_has_no_interval():
     unstable = impulsive(plant([["0.1", 0], [0, -1]], ZERO, ZERO, [[0, 1]], periodic("1")), [["0"], ["1"]])
     assert stable_intervals(unstable, 0.01, 5.0) == []
-    assert clock.largest_period(lambda T: unstable, Exact("1"), 0) is None
+    assert longest(lambda T: unstable, "1", 0) is None
 
 
 @pytest.mark.parametrize(("low", "high"), [("2.9", "4.9"), ("2.5", "4.4"), ("3.3", "4.6"), ("0.5", "4.5"), ("1.5", "3")])

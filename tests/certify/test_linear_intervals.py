@@ -10,14 +10,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from asking import analyse, analyse_by, longest, proves
 from example_inclusions import aperiodic, held, impulsive, plant
 from flint import arb
 from linear_loops import ZERO, largest_product, loops
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify import clock, common_quadratic, polygon, taylor
+from cdobs_cli.certify import taylor
 from cdobs_cli.certify.bracket import smallest_refuted
 from cdobs_cli.certify.falsify import refute, refutes
+from cdobs_cli.certify.methods.common_quadratic import CommonQuadratic
+from cdobs_cli.certify.methods.polygon import Polygon, _sides
 from cdobs_cli.certify.sampled_error import full_rank_factors, kept_and_lost
 from cdobs_cli.certify.symmetric_power import monomials, power
 from cdobs_cli.exact.functions import fraction_ball
@@ -36,22 +39,22 @@ def two_held(T):
 
 
 def test_a_scalar_loop_is_proved_up_to_ln_2():
-    T, certificate = clock.largest_period(lambda T: scalar(str(T)), Exact("0.2"), 3)
+    T, certificate = longest(scalar, "0.2", 3)
     assert math.log(2) * (1 - 1e-4) < float(T) < math.log(2)
-    assert clock.prove(scalar(str(T)), Certificate.from_document(certificate.document())).proved
-    assert clock.analyse(scalar("0.69315"), 3) is None
+    assert proves(scalar(str(T)), Certificate.from_document(certificate.document()))
+    assert analyse(scalar("0.69315"), 3) is None
     assert refute(scalar("0.69315"), 0) is not None
     # C K beyond (0, 2) leaves the measured error larger than it was.
     for K in ("0", "-0.1", "2", "2.5"):
-        assert clock.analyse(scalar("0.01", K), 1) is None
+        assert analyse(scalar("0.01", K), 1) is None
 
 
 def test_two_held_outputs_come_close_to_what_is_refuted():
-    T, certificate = clock.largest_period(lambda T: two_held(str(T)), Exact("1"), 1)
+    T, certificate = longest(two_held, "1", 1)
     lost, witness = smallest_refuted(lambda T: two_held(str(T)), T, 1)
     assert 3.26 < float(T) < float(lost) < 3.275
     assert refutes(two_held(str(lost)), witness)
-    assert not clock.prove(two_held(str(lost)), replace(certificate, sampling=aperiodic(0, str(lost)))).proved
+    assert not proves(two_held(str(lost)), replace(certificate, sampling=aperiodic(0, str(lost))))
 
 
 def thin(T, low="0.1"):
@@ -68,22 +71,22 @@ def thin_from_zero(T):
 
 def test_polygons_prove_what_forms_of_low_degree_do_not():
     for loop, T, beyond in ((thin, "0.277", "0.28"), (thin_from_zero, "0.62", "0.723")):
-        assert common_quadratic.analyse(loop(T), 1) is None
-        certificate = clock.analyse(loop(T), 1)
-        assert certificate.method == polygon.METHOD
-        assert clock.prove(loop(T), certificate).proved
+        assert analyse_by(CommonQuadratic, loop(T), 1) is None
+        certificate = analyse(loop(T), 1)
+        assert certificate.method == Polygon.name
+        assert proves(loop(T), certificate)
         assert largest_product(loop(T), np.random.default_rng(2)) < 1
-        assert polygon.analyse(loop(beyond), 1) is None
+        assert analyse_by(Polygon, loop(beyond), 1) is None
         assert refute(loop(beyond), 1) is not None
 
 
 @pytest.mark.parametrize(("kind", "at"), loops(9, seed=3), ids=lambda value: value if isinstance(value, str) else "")
 def test_brackets_of_random_loops_are_narrow(kind, at):
     """Up to 1.50 apart, or with no proof at all from T_min = 0, by the clock-dependent function alone."""
-    T, certificate = clock.largest_period(at, Exact("0.2"), 1)
+    T, certificate = longest(at, "0.2", 1)
     lost, _ = smallest_refuted(at, T, 0)
     assert 1 < float(lost) / float(T) < 1.1
-    assert clock.prove(at(T), Certificate.from_document(json.loads(json.dumps(certificate.document())))).proved
+    assert proves(at(T), Certificate.from_document(json.loads(json.dumps(certificate.document()))))
     assert largest_product(at(T), np.random.default_rng(1)) < 1
 
 
@@ -92,7 +95,7 @@ def test_no_random_loop_is_both_proved_and_refuted():
     proofs = refutations = 0
     for number, (_, at) in enumerate(loops(102, seed=20)):
         inclusion = at(round(0.15 + 0.9 * float(rng.random()) ** 2, 3))
-        proved = clock.analyse(inclusion, number % 2)
+        proved = analyse(inclusion, number % 2)
         witness = refute(inclusion, number % 2)
         assert proved is None or witness is None
         if proved is not None:
@@ -108,24 +111,24 @@ def certificates():
     """One of each method and kind of law, with its loop."""
     made = [(two_held("2.5"), None), (scalar("0.5"), None)]
     made += [(at("0.25"), None) for _, at in loops(3, seed=3)]
-    made += [(loop, polygon.analyse(loop, 1)) for loop in (thin("0.25"), thin_from_zero("0.55"))]
-    return [(inclusion, certificate or common_quadratic.analyse(inclusion, 1)) for inclusion, certificate in made]
+    made += [(loop, analyse_by(Polygon, loop, 1)) for loop in (thin("0.25"), thin_from_zero("0.55"))]
+    return [(inclusion, certificate or analyse_by(CommonQuadratic, inclusion, 1)) for inclusion, certificate in made]
 
 
 def test_a_certificate_speaks_for_its_own_loop_law_and_rate_only():
     for inclusion, certificate in certificates():
-        assert clock.prove(inclusion, certificate).proved
+        assert proves(inclusion, certificate)
 
         def proved(certificate=certificate, inclusion=inclusion, law=None, **data):
             changed = replace(certificate, sampling=law or certificate.sampling, data={**certificate.data, **data})
-            return clock.prove(inclusion, changed).proved
+            return proves(inclusion, changed)
 
         law = inclusion.sampling
         assert not proved(law=replace(law, T_max=Exact("100")))
         assert not proved(sigma="1e999999999") and not proved(P=[["1e999999999"]], vertices=[["1e999999999", "0"], ["0", "1"]])
         assert not proved(sigma="30") and not proved(sigma="-1") and not proved(sigma="x")
         assert not proved(law=replace(law, T_min=Exact("-1")))
-        if certificate.method == common_quadratic.METHOD:
+        if certificate.method == CommonQuadratic.name:
             P = certificate.data["P"]
             assert not proved(P=[[f"-{v}" if not v.startswith("-") else v[1:] for v in row] for row in P])
             assert not proved(P=[["0" for _ in row] for row in P])
@@ -142,16 +145,16 @@ def test_a_certificate_speaks_for_its_own_loop_law_and_rate_only():
     inclusion, certificate = certificates()[4]
     assert inclusion.sampling.T_min.sign() == 0 and len(certificate.data["P"]) == 2
     (a, _), (c,) = certificate.data["P"]
-    assert not clock.prove(inclusion, replace(certificate, data={**certificate.data, "P": [[a, "0.0001"], [c]]})).proved
+    assert not proves(inclusion, replace(certificate, data={**certificate.data, "P": [[a, "0.0001"], [c]]}))
 
 
 def form(loop, P, degree="1", sigma="0"):
-    return common_quadratic.prove(loop, Certificate(common_quadratic.METHOD, loop.sampling, {"sigma": sigma, "degree": degree, "P": P}))
+    return proves(loop, Certificate(CommonQuadratic.name, loop.sampling, {"sigma": sigma, "degree": degree, "P": P}))
 
 
 def corners(loop, vertices=(("1", "-1"), ("1", "1")), sigma="0"):
     data = {"sigma": sigma, "vertices": [list(vertex) for vertex in vertices]}
-    return polygon.prove(loop, Certificate(polygon.METHOD, loop.sampling, data))
+    return proves(loop, Certificate(Polygon.name, loop.sampling, data))
 
 
 def turned(K, law, rate="0"):
@@ -216,8 +219,8 @@ def test_polygons_are_judged_at_all_corners_sides_and_periods():
 )  # fmt: skip
 def test_what_is_no_convex_polygon_round_zero(vertices):
     half = [(Fraction(x), Fraction(y)) for x, y in vertices]
-    assert polygon._sides(half) is None
-    assert polygon._sides([(Fraction(1), Fraction(-1)), (Fraction(1), Fraction(1))]) == [(1, 0), (0, 1)]
+    assert _sides(half) is None
+    assert _sides([(Fraction(1), Fraction(-1)), (Fraction(1), Fraction(1))]) == [(1, 0), (0, 1)]
 
 
 @pytest.mark.parametrize("size", [Fraction(1, 2), Fraction(13, 10), Fraction(19, 10), 50])
@@ -244,14 +247,12 @@ def test_taylor_polynomials_hold_what_they_leave_out(size):
 def test_rates_are_those_of_the_slowest_word():
     """edot = -e(t_k): e(t_k + s) = (1 - s) e, T_k <= 3/2. |1 - s| <= exp(-sigma s) up to sigma = ln 2 / 1.5 = 0.4621."""
     loop = held(plant([[0]], [[0]], [[0]], [[1]], aperiodic(0, "1.5")), [["1"]])
-    assert clock.analyse(loop, 1, Fraction("0.4620")) is not None
-    assert clock.analyse(loop, 1, Fraction("0.4622")) is None
+    assert analyse(loop, 1, Fraction("0.4620")) is not None
+    assert analyse(loop, 1, Fraction("0.4622")) is None
     # Forms of degree 2 d decay at 2 d sigma: the error's rate is sigma, whatever d.
     for degree in (1, 2, 3):
-        P = [["1"]]
         for sigma, holds in (("0.4620", True), ("0.4622", False)):
-            certificate = Certificate(common_quadratic.METHOD, loop.sampling, {"sigma": sigma, "degree": str(degree), "P": P})
-            assert common_quadratic.prove(loop, certificate) is holds
+            assert form(loop, [["1"]], str(degree), sigma) is holds
 
 
 def test_the_sampled_error_is_the_jump_on_its_range():
@@ -281,14 +282,14 @@ def test_monomials_of_a_mapped_vector(d):
 
 
 def test_proofs_of_intervals_load_no_solver():
-    inclusion, certificate = two_held("2.5"), clock.analyse(two_held("2.5"), 1)
-    assert certificate.method == common_quadratic.METHOD
+    inclusion, certificate = two_held("2.5"), analyse(two_held("2.5"), 1)
+    assert certificate.method == CommonQuadratic.name
     code = (
         "import json, sys; sys.path.insert(0, sys.argv[2]); import test_linear_intervals as t;"
         "c = t.Certificate.from_document(json.loads(sys.argv[1]));"
-        "ok = t.clock.prove(t.two_held('2.5'), c).proved and t.refute(t.two_held('3.4'), 1) is not None;"
+        "ok = t.proves(t.two_held('2.5'), c) and t.refute(t.two_held('3.4'), 1) is not None;"
         "sys.exit(not ok or any(name in sys.modules for name in ('clarabel', 'cvxpy', 'scipy')))"
     )
     arguments = [json.dumps(certificate.document()), str(Path(__file__).parent)]
     assert subprocess.run([sys.executable, "-c", code, *arguments], check=False).returncode == 0
-    assert clock.prove(inclusion, certificate).proved
+    assert proves(inclusion, certificate)

@@ -2,11 +2,16 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from asking import analyse_by, proves
 from example_inclusions import canonical, impulsive, periodic, plant
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify import clock, falsify, planar
-from cdobs_cli.certify.falsify import Arc, Word, exponentials
+from cdobs_cli.certify import falsify
+from cdobs_cli.certify.falsify import Arc, Word
+from cdobs_cli.certify.floats import exponentials
+from cdobs_cli.certify.methods.base import Question
+from cdobs_cli.certify.methods.clock.design import ImpulsiveGain
+from cdobs_cli.certify.methods.planar.extremals import Planar, best_gain, limit_any_gain, planar_class, switching
 from cdobs_cli.exact.numbers import Exact, decimal_text
 
 
@@ -16,23 +21,23 @@ def pendulum(T, K_2="0.69445", K_1="1"):
 
 def test_pendulum_slope_class():
     """The root of sinh(delta - s) = sin s, s = acot(tanh(delta / 2)) is 1.713057392453498 (theory note)."""
-    family, _ = planar.planar_class(pendulum("1"))
-    assert planar.limit_any_gain(family, 3.0) == pytest.approx(1.713057392453498, rel=1e-10)
-    assert float(planar.best_gain(pendulum("1.71305"))) == pytest.approx(np.tanh(1.71305 / 2), abs=1e-5)
-    assert planar.analyse(pendulum("1.7130")) is not None
-    assert planar.analyse(pendulum("1.71306", "0.694465")) is None
-    assert planar.analyse(pendulum("1.7130", "0.6940")) is None
-    assert planar.analyse(pendulum("1.2", K_1="0.99")) is None  # another theorem's business
+    family, _ = planar_class(pendulum("1"))
+    assert limit_any_gain(family, 3.0) == pytest.approx(1.713057392453498, rel=1e-10)
+    assert float(best_gain(pendulum("1.71305"))) == pytest.approx(np.tanh(1.71305 / 2), abs=1e-5)
+    assert analyse_by(Planar, pendulum("1.7130")) is not None
+    assert analyse_by(Planar, pendulum("1.71306", "0.694465")) is None
+    assert analyse_by(Planar, pendulum("1.7130", "0.6940")) is None
+    assert analyse_by(Planar, pendulum("1.2", K_1="0.99")) is None  # another theorem's business
 
 
 def words(inclusion, delta):
     """Both extremals as words of the falsifier."""
-    family, b = planar.planar_class(inclusion)
+    family, b = planar_class(inclusion)
     _, _, first, second = family.floats(float(delta)).gains()
     slopes = inclusion.plant.slopes
     for s in (first, second):
         s = min(Fraction(decimal_text(s, 12)), delta)
-        arcs = planar.switching(family, b, s, delta)
+        arcs = switching(family, b, s, delta)
         values = [tuple((slopes.upper if ends[j] else slopes.lower)[i, j] for i, j in inclusion.entries) for _, ends in arcs]
         yield Word((tuple(Arc(Exact(length), v) for (length, _), v in zip(arcs, values, strict=True)),))
 
@@ -41,14 +46,14 @@ def words(inclusion, delta):
 def test_random_canonical_pairs_are_bracketed_to_a_tenth_of_a_per_cent(seed):
     rng = np.random.default_rng(seed)
     c = [decimal_text(float(x), 3) for x in 10 ** rng.uniform(-1.5, 1.0, 2)]
-    family, _ = planar.planar_class(impulsive(canonical(c, periodic("1")), [["1"], ["1"]]))
-    limit = planar.limit_any_gain(family, 4.0 / max(float(c[1]), float(c[0]) ** 0.5))
+    family, _ = planar_class(impulsive(canonical(c, periodic("1")), [["1"], ["1"]]))
+    limit = limit_any_gain(family, 4.0 / max(float(c[1]), float(c[0]) ** 0.5))
     below, above = decimal_text(limit * 0.9997, 8), decimal_text(limit * 1.0003, 8)
-    K_2 = decimal_text(float(planar.best_gain(impulsive(canonical(c, periodic(below)), [["1"], ["1"]]))), 7)
+    K_2 = decimal_text(float(best_gain(impulsive(canonical(c, periodic(below)), [["1"], ["1"]]))), 7)
     inclusion = impulsive(canonical(c, periodic(below)), [["1"], [K_2]])
-    certificate = planar.analyse(inclusion)
+    certificate = analyse_by(Planar, inclusion)
     assert certificate is not None
-    assert planar.prove(inclusion, Certificate.from_document(certificate.document())).proved
+    assert proves(inclusion, Certificate.from_document(certificate.document()))
     # Brute force: random switching in 24 slots stays inside.
     maps = inclusion.floats
     corners = exponentials(np.array(list(maps.corners())) * float(below) / 24)
@@ -60,7 +65,7 @@ def test_random_canonical_pairs_are_bracketed_to_a_tenth_of_a_per_cent(seed):
     # Just above, one of the two extremals defeats the gain.
     beyond = impulsive(canonical(c, periodic(above)), [["1"], [K_2]])
     assert any(falsify.prove(beyond, word) is not None for word in words(beyond, Fraction(above)))
-    assert planar.analyse(beyond) is None
+    assert analyse_by(Planar, beyond) is None
 
 
 def test_unequal_slopes_and_a_reversed_chain():
@@ -70,14 +75,14 @@ def test_unequal_slopes_and_a_reversed_chain():
         A, lower, upper = [[0, -2], ["0.1", "-0.2"]], [[0, 0], ["-0.5", "-0.2"]], [[0, 0], ["0.3", "0.4"]]
         return impulsive(plant(A, lower, upper, [[1, 0]], periodic(T)), [["1"], [K_2]])
 
-    family, _ = planar.planar_class(made("1"))
-    limit = planar.limit_any_gain(family, 6.0)
-    T, _ = clock.largest_period_design(lambda T: made(str(T)), Exact("0.3"), 1)
-    assert 0.85 * limit < float(T) < limit
+    family, _ = planar_class(made("1"))
+    limit = limit_any_gain(family, 6.0)
+    by_clock = ImpulsiveGain().longest(Question(made("0.3")))
+    assert 0.85 * limit < float(by_clock.law.T_max) < limit
     below, above = decimal_text(limit * 0.9997, 8), decimal_text(limit * 1.0003, 8)
-    K_2 = decimal_text(float(planar.best_gain(made(below))), 8)
-    assert planar.analyse(made(below, K_2)) is not None
-    assert planar.analyse(made(above, K_2)) is None
+    K_2 = decimal_text(float(best_gain(made(below))), 8)
+    assert analyse_by(Planar, made(below, K_2)) is not None
+    assert analyse_by(Planar, made(above, K_2)) is None
     assert any(falsify.prove(made(above, K_2), word) is not None for word in words(made(above, K_2), Fraction(above)))
 
 
@@ -85,5 +90,5 @@ def test_decay_rate():
     """With zero slopes and K = (1, 1/2) the map is 1 - delta / 2: at delta = 1 the rate is ln 2 exactly."""
     tiny = "0.000001"
     inclusion = impulsive(canonical([tiny, 0], periodic(1)), [["1"], ["0.5"]])
-    assert planar.analyse(inclusion, Fraction("0.6931")) is not None
-    assert planar.analyse(inclusion, Fraction("0.6932")) is None
+    assert analyse_by(Planar, inclusion, sigma=Fraction("0.6931")) is not None
+    assert analyse_by(Planar, inclusion, sigma=Fraction("0.6932")) is None

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from asking import analyse
 from example_inclusions import aperiodic, held, impulsive, periodic, plant
 
-from cdobs_cli.certify import clock
-from cdobs_cli.certify.falsify import exponentials
+from cdobs_cli.certify.floats import exponentials
 from cdobs_cli.certify.unseen import unseen
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.simulate.witness import replay
@@ -54,7 +54,7 @@ def test_pathological_sampling(law, A, C, T):
     assert found.witness(made).kind == "vector"
     gain = np.linalg.pinv(made.C.floats)
     for loop in (impulsive(made, gain.round(3).tolist()), held(made, gain.round(3).tolist())):
-        assert clock.analyse(loop, 0) is None
+        assert analyse(loop, 0) is None
 
 
 @pytest.mark.parametrize(

@@ -74,7 +74,7 @@ class LpvZeroOrderHold(ConstantGain):
     def inclusion(self, plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
         from cdobs_cli.families.lpv_zoh.observer import inclusion
 
-        return inclusion(plant, gain)
+        return inclusion(plant, gain or self._nothing(plant))
 
     def observer(self, plant: Plant, design: Design) -> Observer:
         from cdobs_cli.families.lpv_zoh.observer import observer

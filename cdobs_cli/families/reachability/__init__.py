@@ -85,7 +85,7 @@ class Reachability(ConstantGain):
     def inclusion(self, plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
         from cdobs_cli.families.reachability.observer import inclusion
 
-        return inclusion(plant, gain)
+        return inclusion(plant, gain or self._nothing(plant))
 
     def observer(self, plant: Plant, design: Design) -> Observer:
         from cdobs_cli.families.reachability.observer import observer

@@ -10,15 +10,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from lpv_asking import asked
 from lpv_plants import PRINTED_L, PRINTED_P, PRINTED_VERTICES, PRINTED_Y, linear_class, scalar, sine, two_outputs, up_to
 
 from cdobs_cli.certificate import Check
 from cdobs_cli.certify.falsify import refutes
+from cdobs_cli.certify.methods.spectral import SpectralRadius
+from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger
 from cdobs_cli.design import Design
 from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold
-from cdobs_cli.families.lpv_zoh.laws import at_period, covers, largest
 from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
@@ -171,8 +173,7 @@ def test_periodic_law_and_two_outputs():
 
 def test_scalar_loop_by_the_clock_is_exact():
     # edot = -e(t_k) with T_k = T: stable for T < 2, rate -ln|1 - T| / T.
-    plant = at_period(scalar("1.5"), Exact("1.5"))
-    periodic = replace(plant, sampling=SamplingLaw.periodic(Exact("1.5")))
+    periodic = replace(scalar("1.5"), sampling=SamplingLaw.periodic(Exact("1.5")))
     card = family(gain={"L": [["1"]]})
     bounds = card.certify(periodic, card.synthesize(periodic, 1), 1).bounds
     assert float(bounds["period_max"].proved) == pytest.approx(2, rel=1e-3)
@@ -222,7 +223,8 @@ def test_extreme_scales_end_in_a_verdict(scale):
 def test_too_many_corners_is_no_design():
     n = 4
     slopes = {(i, j): ("-0.01", "0.01") for i in range(n) for j in range(n)}
-    plant = linear_class([["0"] * n] * n, [["1"] + ["0"] * (n - 1)], slopes, up_to("0.1"))
+    chain = [[str(int(j == i + 1)) for j in range(n)] for i in range(n)]  # its outputs tell every state
+    plant = linear_class(chain, [["1"] + ["0"] * (n - 1)], slopes, up_to("0.1"))
     design = family().synthesize(plant, 0)
     assert design.outcome == "none" and "corners" in (design.reason or "")
 
@@ -267,18 +269,17 @@ def test_the_clock_envelope_where_wirtinger_ends():
     assert bound is not None and bound["factor"] > 1 and bound["rate"] > 0
 
 
-def test_laws_and_the_largest_proved_value(printed_design):
-    _, design = printed_design
-    wirtinger = next(c for c in design.certificates if c.method == "wirtinger")
-    assert covers(wirtinger, SamplingLaw.periodic(Exact("0.05")))
-    assert not covers(wirtinger, up_to("0.3"))
-    clock = replace(wirtinger, method="clock", sampling=SamplingLaw.periodic(Exact("0.1")))
-    assert covers(clock, SamplingLaw.periodic(Exact("0.1")))
-    assert not covers(clock, SamplingLaw.periodic(Exact("0.05")))
-    assert not covers(clock, up_to("0.1"))
-    found = largest(lambda T: T if float(T) < 0.7 else None, Exact("5"), Exact("1/1000").rational)
-    assert found is not None and 0.699 < float(found[0]) < 0.7
-    assert largest(lambda T: None, Exact("5"), Exact("1/1000").rational) is None
+def test_which_laws_a_certificate_covers():
+    constant = SamplingLaw.periodic(Exact("0.1"))
+    wirtinger = Wirtinger.propose(asked(sine(), PRINTED_L))
+    assert wirtinger is not None
+    for downwards in (wirtinger, replace(wirtinger, law=constant)):
+        assert downwards.covers.contains(SamplingLaw.periodic(Exact("0.05")))
+        assert not downwards.covers.contains(up_to("0.3"))
+    alone = SpectralRadius(constant, "0").covers
+    assert alone.contains(constant)
+    assert not alone.contains(SamplingLaw.periodic(Exact("0.05")))
+    assert not alone.contains(up_to("0.1"))
 
 
 @pytest.mark.parametrize(

@@ -5,12 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from lpv_asking import asked, of_every_gain
 from lpv_plants import linear_class, sine, up_to
 
-from cdobs_cli.certificate import Certificate
+from cdobs_cli.certify import design as designs
+from cdobs_cli.certify.methods.any_gain import Face, NoGain
+from cdobs_cli.certify.methods.spectral import SpectralRadius
+from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
-from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold, any_gain, wirtinger
-from cdobs_cli.families.lpv_zoh.any_gain import Face
+from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold
 from cdobs_cli.families.lpv_zoh.curve import Point, running_maxima
 from cdobs_cli.sampling import SamplingLaw
 
@@ -19,42 +22,41 @@ def family(**options: object) -> LpvZeroOrderHold:
     return LpvZeroOrderHold.model_validate({"family": "lpv_zoh", **options})
 
 
-def faces(*chosen):
-    return {"faces": [Face(kind, order, tuple(map(Exact, slopes)), Exact(T)).document() for kind, order, slopes, T in chosen]}
+def refutes(plant, *faces):
+    """Whether conditions (kind, order, slopes, period) show that no gain serves the plant."""
+    listed = [Face(kind, order, tuple(map(Exact, slopes)), Exact(T)).document() for kind, order, slopes, T in faces]
+    return NoGain(plant.sampling, listed).prove(of_every_gain(plant)).holds
 
 
 def test_a_negative_multiplier_weighs_a_condition_the_wrong_way():
     """edot = v e - L e(t_k), v in [-1, 1]: p(1) > 0 is L > v, at each v. L = 2 meets both at a short period; their
     difference is a negative constant all the same."""
     plant = linear_class([["0"]], [["1"]], {(0, 0): ("-1", "1")}, SamplingLaw.periodic(Exact("0.1")))
-    data = faces(("plus", 0, ["-1"], "0.1"), ("plus", 0, ["1"], "0.1"))
-    assert not any_gain.prove(plant, Certificate(any_gain.METHOD, plant.sampling, data))
-    data = faces(("plus", 0, ["1"], "0.1"), ("plus", 0, ["-1"], "0.1"))
-    assert not any_gain.prove(plant, Certificate(any_gain.METHOD, plant.sampling, data))
+    assert not refutes(plant, ("plus", 0, ["-1"], "0.1"), ("plus", 0, ["1"], "0.1"))
+    assert not refutes(plant, ("plus", 0, ["1"], "0.1"), ("plus", 0, ["-1"], "0.1"))
 
 
 def test_conditions_that_leave_a_gain_refute_nothing():
     """At T = ln 3 and v = 1, p(1) > 0 and p(-1) > 0 ask for 1 < L < 2."""
     plant = linear_class([["0"]], [["1"]], {(0, 0): ("-1", "1")}, SamplingLaw.periodic(Exact("log(3)")))
-    data = faces(("plus", 0, ["1"], "log(3)"), ("minus", 0, ["1"], "log(3)"))
-    assert not any_gain.prove(plant, Certificate(any_gain.METHOD, plant.sampling, data))
+    assert not refutes(plant, ("plus", 0, ["1"], "log(3)"), ("minus", 0, ["1"], "log(3)"))
 
 
 def test_curves_are_running_maxima_where_a_proof_serves_shorter_periods():
-    def point(T, rate, method="clock", law=None):
-        law = law or up_to(T)
-        return Point(Exact(T), Exact(rate), Certificate(method, law, {"L": [["1"]]}))
+    def kept(law, points):
+        return [(str(p.T), str(p.rate)) for p in running_maxima([Exact(T) for T in ("1", "2", "3", "4")], points, law)]
 
-    periods = [Exact(T) for T in ("1", "2", "3", "4")]
-    points = [point("1", "0.5"), None, point("3", "0.7"), point("4", "0.2")]
-    kept = running_maxima(periods, points, up_to("4"))
-    assert [(str(p.T), str(p.rate)) for p in kept] == [("1", "0.7"), ("2", "0.7"), ("3", "0.7"), ("4", "0.2")]
+    def points(method):
+        return [None if rate is None else Point(Exact(T), Exact(rate), method(Exact(T)), None)
+                for T, rate in (("1", "0.5"), ("2", None), ("3", "0.7"), ("4", "0.2"))]  # fmt: skip
+
+    up_to_four, constant = up_to("4"), SamplingLaw.periodic(Exact("4"))
+    up_to_T = points(lambda T: SpectralRadius(up_to_four.with_period(T), "0"))
+    assert kept(up_to_four, up_to_T) == [("1", "0.7"), ("2", "0.7"), ("3", "0.7"), ("4", "0.2")]
     # One constant period says nothing of another, unless the proof is for all periods up to it.
-    constant = SamplingLaw.periodic(Exact("4"))
-    alone = [None if p is None else replace(p, certificate=replace(p.certificate, sampling=constant.with_period(p.T))) for p in points]
-    assert [str(p.rate) for p in running_maxima(periods, alone, constant)] == ["0.5", "0.7", "0.2"]
-    down = [None if p is None else replace(p, certificate=replace(p.certificate, method="wirtinger")) for p in alone]
-    assert [str(p.rate) for p in running_maxima(periods, down, constant)] == ["0.7", "0.7", "0.7", "0.2"]
+    assert kept(constant, points(lambda T: SpectralRadius(constant.with_period(T), "0"))) == [("1", "0.5"), ("3", "0.7"), ("4", "0.2")]
+    down = points(lambda T: Wirtinger(constant.with_period(T), [], [], "0"))
+    assert kept(constant, down) == [("1", "0.7"), ("2", "0.7"), ("3", "0.7"), ("4", "0.2")]
 
 
 def test_any_gain_is_the_best_of_everything_proved():
@@ -67,7 +69,7 @@ def test_any_gain_is_the_best_of_everything_proved():
     last = design.details["curve"]["any_gain"][-1]
     assert some == float(last["period"]) > 1.1 * own
     L = ExactMatrix(last["L"])
-    assert wirtinger.analyse(plant, L, Exact(last["period"])) is not None
+    assert Wirtinger.propose(asked(plant, L, last["period"])) is not None
     rates = [float(p["rate"]) for p in design.details["curve"]["any_gain"]]
     assert rates == sorted(rates, reverse=True)
     claim = check.claim("period_max_any_gain.wirtinger")
@@ -85,9 +87,8 @@ def test_any_gain_is_the_best_of_everything_proved():
 @pytest.mark.parametrize("objective", ["given_period", "max_period", "decay_rate"])
 def test_what_is_never_seen_is_refuted_at_once(objective, monkeypatch):
     plant = linear_class([["0", "1"], ["0", "0"]], [["0", "1"]], {(1, 0): ("-0.3", "0.3")}, SamplingLaw.periodic(Exact("0.6")))
-    from cdobs_cli.families.lpv_zoh import synthesis
-
-    monkeypatch.setattr(synthesis, "search", None)  # nothing is looked for
+    for search in ("_candidates", "_certified"):  # nothing is looked for
+        monkeypatch.setattr(designs._Synthesis, search, None)
     for card in (family(objective=objective), family(objective=objective, gain={"L": [["1"], ["1"]]})):
         design = card.synthesize(plant, 1)
         check = card.certify(plant, design, 1)

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from lpv_asking import asked
 from lpv_plants import linear_class, sine, two_outputs, up_to
 
+from cdobs_cli.certify import cuts
+from cdobs_cli.certify.climb import Climb
 from cdobs_cli.certify.lmi import symmetric
-from cdobs_cli.exact.numbers import Exact, ExactMatrix
-from cdobs_cli.families.lpv_zoh import corners, theorems, wirtinger
-from cdobs_cli.families.lpv_zoh.climb import Climb
-from cdobs_cli.families.lpv_zoh.units import Units
+from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger, inequality
+from cdobs_cli.certify.methods.wirtinger.design import HeldSynthesis
+from cdobs_cli.certify.units import Units
+from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.hybrid import PlantView
 
 
@@ -19,12 +22,12 @@ def test_cutting_planes_find_what_all_corners_find(monkeypatch):
     vertices = [np.array([[-1.0, 0.3], [-0.2, -1.0]]) + 0.4 * np.diag(random.uniform(-1, 1, 2)) for _ in range(60)]
 
     def margin() -> float:
-        return corners.largest_margin(
-            {"P": symmetric(2)}, lambda x, A: x["P"] @ A + A.T @ x["P"], vertices, (lambda x: x["P"],), lambda x: np.trace(x["P"]) - 1
+        return cuts.largest_margin(
+            {"P": symmetric(2)}, lambda x, A: -x["P"] @ A - A.T @ x["P"], vertices, (lambda x: x["P"],), lambda x: np.trace(x["P"]) - 1
         )[1]
 
     some = margin()
-    monkeypatch.setattr(corners, "_FIRST", 60)
+    monkeypatch.setattr(cuts, "_FIRST", 60)
     assert some == pytest.approx(margin(), rel=1e-4)
 
 
@@ -38,10 +41,10 @@ def test_units_leave_the_claims_alone():
     random = np.random.default_rng(2)
     raw, U = random.normal(size=(4, 4)), np.diag([2.0, 3.0])
     P = raw @ raw.T + np.eye(4)
-    A, A_s = theorems.vertices_25(given)[1], theorems.vertices_25(view)[1]
+    A, A_s = given.vertices[1], view.vertices[1]
     q, sigma, tau, eye = (2 / np.pi) ** 2, 0.3, 0.4, np.eye(2)
-    scaled = theorems.wirtinger(P, U, A_s - view.gain["L"] @ view.C, view.gain["L"], view.C, q, sigma * tau, eye)
-    plain = theorems.wirtinger(units.states_out(P), units.outputs_out(U), A - L.floats @ given.C, L.floats, given.C, q * tau**2, sigma, eye)
+    scaled = inequality(P, U, A_s - view.gain["L"] @ view.C, view.gain["L"], view.C, q, sigma * tau, eye)
+    plain = inequality(units.states_out(P), units.outputs_out(U), A - L.floats @ given.C, L.floats, given.C, q * tau**2, sigma, eye)
     change = np.concatenate([units.states, units.outputs])
     assert tau * plain * change * change[:, None] == pytest.approx(scaled)
 
@@ -71,8 +74,8 @@ def test_the_climb_ends_near_the_top_and_keeps_what_was_proved():
 
 
 def test_the_fastest_rate_falls_with_the_period():
-    rates = [wirtinger.fastest(sine(), T)[0] for T in (0.3, 0.6, 1.2)]
+    rates = [HeldSynthesis(sine()).fastest(T)[0] for T in (0.3, 0.6, 1.2)]
     assert rates == sorted(rates, reverse=True) and rates[-1] > 0
-    assert wirtinger.fastest(sine(), 1.5)[1].margin <= 0
-    L = ExactMatrix.from_floats(wirtinger.fastest(sine(), 0.6)[1].L, 6)
-    assert wirtinger.analyse(sine(), L, Exact("0.6")) is not None
+    assert HeldSynthesis(sine()).fastest(1.5)[1].margin <= 0
+    L = ExactMatrix.from_floats(HeldSynthesis(sine()).fastest(0.6)[1].L, 6)
+    assert Wirtinger.propose(asked(sine(), L, "0.6")) is not None

@@ -9,10 +9,15 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from flint import fmpq
+from lpv_asking import asked, of_every_gain
 from lpv_plants import PRINTED_L, PRINTED_P, PRINTED_VERTICES, PRINTED_Y, linear_class, scalar, sine, two_outputs, up_to
 
+from cdobs_cli.certify.methods.any_gain import NoGain
+from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger
+from cdobs_cli.certify.methods.wirtinger.design import HeldSynthesis
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
-from cdobs_cli.families.lpv_zoh import any_gain, printed, repaired, theorems, wirtinger
+from cdobs_cli.families.lpv_zoh import printed, theorems
+from cdobs_cli.families.lpv_zoh.repaired import Repaired
 from cdobs_cli.families.lpv_zoh.structure import is_class_16
 from cdobs_cli.hybrid import HybridInclusion, PlantView
 from cdobs_cli.plant import Plant
@@ -90,44 +95,30 @@ def test_side_conditions_refuted_for_every_delta_by_brute_force():
             assert not beta < min(-worst * low, 2 * tau * (delta - 1))
 
 
-def test_eigenvalue_ranges_hold_the_eigenvalues():
-    random = np.random.default_rng(3)
-    for _ in range(20):
-        raw = random.normal(size=(4, 4))
-        M = ExactMatrix.from_floats(raw + raw.T, 6)
-        smallest, largest = (printed.eigenvalue_range(M.balls(), smallest=which) for which in (True, False))
-        values = np.linalg.eigvalsh(M.floats)
-        assert float(smallest.low) - 1e-12 <= values[0] <= float(smallest.high) + 1e-12
-        assert float(largest.low) - 1e-12 <= values[-1] <= float(largest.high) + 1e-12
-        assert float(smallest.high) - float(smallest.low) < 1e-6
-
-
 def test_wirtinger_with_the_printed_gain_ends_at_its_cap():
     cap = math.pi / (2 * 8.7188)
     assert cap == pytest.approx(0.180162, abs=5e-7)
-    certificate = wirtinger.analyse(sine(), PRINTED_L, Exact("0.1801"))
+    certificate = Wirtinger.propose(asked(sine(), PRINTED_L, "0.1801"))
     assert certificate is not None
-    assert wirtinger.prove(sine(), PRINTED_L, certificate).proved
-    assert wirtinger.analyse(sine(), PRINTED_L, Exact("0.1802")) is None
+    assert certificate.prove(asked(sine(), PRINTED_L)).holds
+    assert Wirtinger.propose(asked(sine(), PRINTED_L, "0.1802")) is None
 
 
 def test_a_stored_certificate_dies_with_one_digit():
-    certificate = wirtinger.analyse(sine(), PRINTED_L, Exact("0.18"))
+    question = asked(sine(), PRINTED_L)
+    certificate = Wirtinger.propose(question.at(Exact("0.18")))
     assert certificate is not None
-    assert not wirtinger.prove(sine(), ExactMatrix([["8.9188"], ["7.0571"]]), certificate).proved
-    shrunk = replace(certificate, data={**certificate.data, "P": [[str(float(v) / 2) for v in row] for row in certificate.data["P"]]})
-    assert not wirtinger.prove(sine(), PRINTED_L, shrunk).proved
-    longer = replace(certificate, sampling=up_to("0.19"))
-    assert not wirtinger.prove(sine(), PRINTED_L, longer).proved
-    faster = replace(certificate, data={**certificate.data, "sigma": "0.2"})
-    assert not wirtinger.prove(sine(), PRINTED_L, faster).proved
+    assert not certificate.prove(asked(sine(), ExactMatrix([["8.9188"], ["7.0571"]]))).holds
+    shrunk = [[str(float(v) / 2) for v in row] for row in certificate.P]
+    for change in ({"P": shrunk}, {"law": up_to("0.19")}, {"sigma": "0.2"}):
+        assert not replace(certificate, **change).prove(question).holds
 
 
 def largest_rate(plant: Plant, L: ExactMatrix, tau: str) -> float:
     low, high = Fraction(0), Fraction(2)
     for _ in range(16):
         middle = (low + high) / 2
-        low, high = (middle, high) if wirtinger.analyse(plant, L, Exact(tau), middle) else (low, middle)
+        low, high = (middle, high) if Wirtinger.propose(asked(plant, L, tau, middle)) else (low, middle)
     return float(low)
 
 
@@ -155,7 +146,7 @@ def naive_rate_holds(sigma: float) -> bool:
 @pytest.mark.parametrize("sigma", ["0", "0.3"])
 def test_wirtinger_rate_covers_the_sampled_error(sigma):
     L, C = PRINTED_L.floats, np.array([[1.0, 0.0]])
-    assert wirtinger.analyse(sine(), PRINTED_L, Exact("0.12"), Fraction(sigma)) is not None
+    assert Wirtinger.propose(asked(sine(), PRINTED_L, "0.12", sigma)) is not None
     for T in np.linspace(0.01, 0.12, 8):
         for psi in np.linspace(-0.3, 0.3, 5):
             rho = radius(sampled_error(np.array([[0, 1], [psi, 0]]), L, C, T))
@@ -163,18 +154,18 @@ def test_wirtinger_rate_covers_the_sampled_error(sigma):
 
 
 def test_wirtinger_synthesis_reaches_134_with_a_rate():
-    found = wirtinger.design(sine(), 1.34, 0.0015)
+    found = HeldSynthesis(sine()).design(1.34, 0.0015)
     L = ExactMatrix.from_floats(found.L, 5)
     assert L.floats.ravel() == pytest.approx([1.17, 0.34], abs=0.01)
-    assert wirtinger.analyse(sine(), L, Exact("1.34"), Fraction("0.001")) is not None
-    assert wirtinger.design(sine(), 1.36).margin <= 0
+    assert Wirtinger.propose(asked(sine(), L, "1.34", "0.001")) is not None
+    assert HeldSynthesis(sine()).design(1.36, 0.0).margin <= 0
 
 
 def test_what_the_synthesis_finds_the_analysis_proves():
     for plant, tau in ((sine(), 0.9), (two_outputs(), 0.4)):
-        found = wirtinger.design(plant, tau, 0.05)
+        found = HeldSynthesis(plant).design(tau, 0.05)
         assert found.margin > 0
-        assert wirtinger.analyse(plant, ExactMatrix.from_floats(found.L, 8), Exact(str(tau)), Fraction("0.05")) is not None
+        assert Wirtinger.propose(asked(plant, ExactMatrix.from_floats(found.L, 8), str(tau), "0.05")) is not None
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1e3, 1e6])
@@ -183,78 +174,80 @@ def test_time_scaling(scale):
     s = Fraction(scale)
     plant = linear_class([["0", str(s)], ["0", "0"]], [["1", "0"]], {(1, 0): (str(-s * 3 / 10), str(s * 3 / 10))}, up_to("1"))
     L = ExactMatrix([[Exact(s * Fraction("8.7188"))], [Exact(s * Fraction("7.0571"))]])
-    assert wirtinger.analyse(plant, L, Exact(Fraction("0.1801") / s)) is not None
-    assert wirtinger.analyse(plant, L, Exact(Fraction("0.1802") / s)) is None
+    assert Wirtinger.propose(asked(plant, L, Exact(Fraction("0.1801") / s))) is not None
+    assert Wirtinger.propose(asked(plant, L, Exact(Fraction("0.1802") / s))) is None
 
 
 def test_state_and_output_scaling():
     plant = linear_class([["0", "1e-5"], ["0", "0"]], [["1e6", "0"]], {(1, 0): ("-0.3e5", "0.3e5")}, up_to("1"))
     L = ExactMatrix([["8.7188e-6"], ["7.0571e-1"]])
-    assert wirtinger.analyse(plant, L, Exact("0.1801")) is not None
-    assert wirtinger.analyse(plant, L, Exact("0.1802")) is None
+    assert Wirtinger.propose(asked(plant, L, "0.1801")) is not None
+    assert Wirtinger.propose(asked(plant, L, "0.1802")) is None
 
 
 def test_undetectable_plants_are_never_designed_for():
     blind = linear_class([["0", "0"], ["0", "0.1"]], [["1", "0"]], {}, up_to("0.1"))
-    found = wirtinger.design(blind, 0.1)
+    found = HeldSynthesis(blind).design(0.1, 0.0)
     L = ExactMatrix.from_floats(np.nan_to_num(found.L), 6)
-    assert wirtinger.analyse(blind, L, Exact("0.1")) is None
+    assert Wirtinger.propose(asked(blind, L, "0.1")) is None
 
 
 def test_repaired_condition_and_its_twin():
-    certificate = repaired.analyse(sine(), PRINTED_L, Exact("0.03"))
+    question = asked(sine(), PRINTED_L)
+    certificate = Repaired.propose(question.at(Exact("0.03")))
     assert certificate is not None
-    assert repaired.prove(sine(), PRINTED_L, certificate).proved
-    rate = float(repaired.rate(certificate))
+    proof = certificate.prove(question)
+    assert proof.holds
+    rate = float(proof.rate)
     assert rate > 0.2
     for T in (0.01, 0.03):
         for psi in (-0.3, 0.0, 0.3):
             rho = radius(sampled_error(np.array([[0, 1], [psi, 0]]), PRINTED_L.floats, np.array([[1.0, 0.0]]), T))
             assert rho < math.exp(-rate * T)
-    assert not repaired.prove(sine(), PRINTED_L, replace(certificate, sampling=up_to("0.06"))).proved
-    assert repaired.analyse(sine(), PRINTED_L, Exact("0.1")) is None
+    assert not replace(certificate, law=up_to("0.06")).prove(question).holds
+    assert Repaired.propose(question.at(Exact("0.1"))) is None
 
 
 def test_repaired_is_for_its_class_only():
     assert is_class_16(sine())
     assert not is_class_16(two_outputs())
     assert not is_class_16(scalar("1"))
-    assert repaired.analyse(two_outputs(), ExactMatrix([[1, 0]] * 4), Exact("0.1")) is None
+    assert Repaired.propose(asked(two_outputs(), ExactMatrix([[1, 0]] * 4), "0.1")) is None
 
 
 def test_repaired_time_scaling():
     # The class (16) is kept by t -> s t with x_i in powers of s: compare an analysis in other units.
     slow = linear_class([["0", "1"], ["0", "0"]], [["1", "0"]], {(1, 0): ("-0.003", "0.003")}, up_to("1"))
     L = ExactMatrix([["0.87188"], ["0.070571"]])
-    assert repaired.analyse(slow, L, Exact("0.3")) is not None
-    assert repaired.analyse(slow, L, Exact("1")) is None
+    assert Repaired.propose(asked(slow, L, "0.3")) is not None
+    assert Repaired.propose(asked(slow, L, "1")) is None
 
 
 def test_no_gain_survives_a_quarter_turn():
     end = math.pi / (2 * math.sqrt(0.3))
     assert end == pytest.approx(2.867869, abs=5e-7)
     for law in (up_to("2.8679"), SamplingLaw.periodic(Exact("2.8679"))):
-        certificate = any_gain.search(sine(), law, 1)
+        certificate = NoGain.propose(of_every_gain(sine(law)))
         assert certificate is not None
-        assert any_gain.prove(sine(), certificate)
-        assert not any_gain.prove(sine(), replace(certificate, sampling=up_to("2.8")))
-    assert any_gain.search(sine(), up_to("2.8678"), 1) is None
+        assert certificate.prove(of_every_gain(sine())).holds
+        assert not replace(certificate, law=up_to("2.8")).prove(of_every_gain(sine())).holds
+    assert NoGain.propose(of_every_gain(sine(up_to("2.8678")))) is None
 
 
 def test_constant_periods_beyond_need_slopes_inside_the_box():
     # The corners leave gains where |cot(omega T / 2)| > 1, past three quarter turns (T = 8.6036); psi between does not.
     for T in np.linspace(2.9, 10.0, 13):
-        certificate = any_gain.search(sine(), SamplingLaw.periodic(Exact(f"{T:.3f}")), 1)
+        certificate = NoGain.propose(of_every_gain(sine(SamplingLaw.periodic(Exact(f"{T:.3f}")))))
         assert certificate is not None
-        inside = any(face["slopes"] not in (["-0.3"], ["0.3"]) for face in certificate.data["faces"])
+        inside = any(face["slopes"] not in (["-0.3"], ["0.3"]) for face in certificate.faces)
         assert inside or T < 8.61
 
 
 def test_faces_of_another_class_prove_nothing():
-    certificate = any_gain.search(sine(), up_to("2.9"), 1)
+    certificate = NoGain.propose(of_every_gain(sine(up_to("2.9"))))
     assert certificate is not None
     narrower = linear_class([["0", "1"], ["0", "0"]], [["1", "0"]], {(1, 0): ("-0.2", "0.2")}, up_to("2.9"))
-    assert not any_gain.prove(narrower, certificate)
+    assert not certificate.prove(of_every_gain(narrower)).holds
 
 
 def test_vertices_are_only_those_of_entries_that_vary():

@@ -8,7 +8,8 @@ from dataclasses import replace
 import pytest
 from reachability_plants import chain, plant, symmetric_chain
 
-from cdobs_cli.certify import dead_beat
+from cdobs_cli.certify import design as designs
+from cdobs_cli.certify.methods.dead_beat import DeadBeat
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.families.reachability import Reachability
 from cdobs_cli.sampling import SamplingLaw
@@ -37,7 +38,7 @@ def test_a_measured_state_is_reset_under_every_law(law, options):
     assert check.bounds["period_max"].refuted is None
     assert check.bounds["decay_rate"].proved == "inf"
     assert check.claim("convergence").margin == "inf"
-    assert check.claim(dead_beat.METHOD).status == "proved"
+    assert check.claim(DeadBeat.rung).status == "proved"
     # Of another gain the certificate says nothing.
     if "gain" in options:
         other = Reachability(gain={"K": [[1, 0], [0, "0.9"]]})
@@ -93,9 +94,7 @@ def test_an_oscillator_at_half_turns_and_near_them():
 
 def test_a_given_gain_for_a_plant_that_no_gain_helps_is_not_searched_for(monkeypatch):
     p = chain((-1, 0), (1, 0), "0.5", C=[[0, 1]], last=(0, 0))
-    from cdobs_cli.families.reachability import synthesis
-
-    monkeypatch.setattr(synthesis._Synthesis, "_ladder", None)
+    monkeypatch.setattr(designs._Synthesis, "_certified", None)
     _, check = run(Reachability(gain={"K": [[0], [1]]}), p)
     witness = check.claim("convergence").witness
     assert check.verdict == "refuted"

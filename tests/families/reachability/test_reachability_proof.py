@@ -8,16 +8,17 @@ from itertools import product
 
 import numpy as np
 import pytest
+from reachability_asking import found, longest_of
 from reachability_brute import histories, inequality_13, radius
 from reachability_plants import PRINTED, chain, feedforward, plant, symmetric_chain
 
-from cdobs_cli.certificate import Certificate
 from cdobs_cli.design import Design
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.reachability import Reachability
-from cdobs_cli.families.reachability.proof import METHOD, constants, lyapunov_matrix, prove
-from cdobs_cli.families.reachability.set_design import SetSearch
+from cdobs_cli.families.reachability.certificate import constants
+from cdobs_cli.families.reachability.sets import matrix_set
 from cdobs_cli.families.reachability.theorems import lmi_13
+from cdobs_cli.sampling import SamplingLaw
 
 CASES = [
     (Reachability(), symmetric_chain((1, 0), "0.6")),
@@ -31,19 +32,13 @@ CASES = [
 ]
 
 
-def found(case, gain=None):
-    family, p = case
-    search = SetSearch(family, p, 1)
-    return search.gain_at(p.sampling.T_max) if gain is None else search.certificate_at(p.sampling.T_max, ExactMatrix(gain))
-
-
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_V_shrinks_along_every_history_and_spectral_radii_agree(case):
     p = case[1]
     design = found(case)
     assert design.proof.holds
     rho_squared = float(design.proof.rho_squared)
-    P = lyapunov_matrix(p, design.K, design.certificate).floats
+    P = design.P
     J = np.eye(p.n) - design.K.floats @ p.C.floats
     s = P - (J.T @ P @ J)  # P grows with s only where C e is not 0, so V is judged after a jump
     assert np.all(np.isfinite(s))
@@ -60,10 +55,8 @@ def test_V_shrinks_along_every_history_and_spectral_radii_agree(case):
 @pytest.mark.parametrize("case", CASES[:6], ids=str)
 def test_13_holds_at_every_corner_of_the_box_written_out(case):
     family, p = case
-    from cdobs_cli.families.reachability.sets import matrix_set
-
     design = found(case)
-    P = lyapunov_matrix(p, design.K, design.certificate).floats
+    P = design.P
     W = P @ design.K.floats
     (box,) = matrix_set(family, p, p.sampling.T_max)
     center, spread = box.floats
@@ -77,11 +70,9 @@ def test_13_holds_at_every_corner_of_the_box_written_out(case):
 
 
 def test_kappa_and_eta_are_the_papers_constants():
-    case = CASES[0]
-    family, p = case
-    design = found(case)
-    paper = constants(family, p, design.K, design.certificate)
-    P = lyapunov_matrix(p, design.K, design.certificate).floats
+    p, design = CASES[0][1], found(CASES[0])
+    paper = constants(design.question, design.certificate)
+    P = design.P
     J = np.eye(2) - design.K.floats @ p.C.floats
     ch, sh, c, s = np.cosh(0.6), np.sinh(0.6), np.cos(0.6), np.sin(0.6)
     kappas = []
@@ -95,35 +86,24 @@ def test_kappa_and_eta_are_the_papers_constants():
     assert float(paper.eta) == pytest.approx(eta / np.linalg.eigvalsh(P)[0], rel=1e-2)
 
 
-def changed(certificate, **data):
-    return Certificate(certificate.method, certificate.sampling, {**certificate.data, **data})
-
-
 def test_a_flipped_digit_of_the_gain_loses_proved():
-    family, p = CASES[0]
-    search = SetSearch(family, p, 1)
-    longest = search.largest_any(Exact("0.6"))
-    assert prove(family, p, longest.K, longest.certificate).holds
+    longest = longest_of(CASES[0])
+    assert longest.proof.holds
     text = longest.K[1, 0]
     for k, digit in enumerate(str(text)):
         if digit.isdigit() and k < 6:
-            other = ExactMatrix([["1"], [str(text)[:k] + str((int(digit) + 5) % 10) + str(text)[k + 1 :]]])
-            assert not prove(family, p, other, longest.certificate).holds
-    assert not prove(family, p, ExactMatrix([["0.999"], [text]]), longest.certificate).holds
+            flipped = str(text)[:k] + str((int(digit) + 5) % 10) + str(text)[k + 1 :]
+            assert not longest.holds_for(ExactMatrix([["1"], [flipped]]))
+    assert not longest.holds_for(ExactMatrix([["0.999"], [text]]))
 
 
 def test_a_shrunk_lyapunov_matrix_loses_proved():
-    family, p = CASES[4]
     design = found(CASES[4])
-    Q = ExactMatrix(design.certificate.data["Q"])
-    for i, j in ((0, 0), (1, 1)):
+    Q = ExactMatrix(design.certificate.Q)
+    for i, j, factor in ((0, 0, "0.2"), (1, 1, "0.2"), (0, 1, "2")):
         rows = [list(row) for row in Q.rows]
-        rows[i][j] = rows[i][j] * Exact("0.2")
-        proof = prove(family, p, design.K, changed(design.certificate, Q=ExactMatrix(rows).texts()))
-        assert not proof.holds
-    lopsided = [list(row) for row in Q.rows]
-    lopsided[0][1] = lopsided[0][1] * Exact(2)
-    assert not prove(family, p, design.K, changed(design.certificate, Q=ExactMatrix(lopsided).texts())).holds
+        rows[i][j] = rows[i][j] * Exact(factor)
+        assert not design.holds_with(Q=ExactMatrix(rows).texts())
 
 
 @pytest.mark.parametrize(
@@ -145,30 +125,25 @@ def test_a_shrunk_lyapunov_matrix_loses_proved():
     ],
 )
 def test_a_damaged_certificate_is_never_proved(data):
-    family, p = CASES[1]
-    search = SetSearch(family, p, 1)
-    longest = search.largest_any(Exact("0.6"))
-    assert not prove(family, p, longest.K, changed(longest.certificate, **data)).holds
+    longest = longest_of(CASES[1])
+    assert longest.holds_with() and not longest.holds_with(**data)
 
 
 def test_the_proof_depends_on_the_period_of_the_certificate():
-    family, p = CASES[0]
     design = found(CASES[0])
-    later = Certificate(METHOD, replace(p.sampling, T_min=Exact("1.3"), T_max=Exact("1.3")), design.certificate.data)
-    assert not prove(family, p, design.K, later).holds
-    beyond = Certificate(
-        METHOD, replace(p.sampling, T_min=Exact("1.6"), T_max=Exact("1.6")), {**design.certificate.data, "rho_squared": "0.999"}
-    )
-    assert not prove(family, p, design.K, beyond).in_time
+    later = replace(design.certificate, law=SamplingLaw.periodic(Exact("1.3")))
+    assert not later.prove(design.question).holds
+    beyond = replace(design.certificate, law=SamplingLaw.periodic(Exact("1.6")), rho_squared="0.999")
+    assert not beyond.prove(design.question).in_time
 
 
 def test_a_gain_with_C_K_not_one_needs_the_full_inequality():
     p = CASES[0][1]
     design = found(CASES[0], [["0.95"], ["1.6"]])
-    assert design.certificate.data["form"] == "full"
+    assert design.certificate.form == "full"
     assert design.proof.holds
     assert design.proof.members == 8
-    P = ExactMatrix(design.certificate.data["P"]).floats
+    P = ExactMatrix(design.certificate.P).floats
     J = np.eye(2) - design.K.floats @ p.C.floats
     for Phi in histories(p, 0.6, 300):
         N = J @ Phi

@@ -6,11 +6,11 @@ import subprocess
 import sys
 
 import pytest
+from reachability_asking import found_at
 from reachability_plants import PRINTED, chain, feedforward, plant, symmetric_chain
 
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.reachability import Reachability
-from cdobs_cli.families.reachability.set_design import SetSearch
 from cdobs_cli.sampling import SamplingLaw
 
 PENDULUM = symmetric_chain((1, 0), "0.6")
@@ -48,9 +48,8 @@ def test_the_pendulum_up_to_the_limit_of_the_set(family, low, limit, K_2):
     [(Reachability(set=PRINTED), "0.66815", "0.66816"), (Reachability(), "1.2110", "1.21102")],
 )
 def test_just_below_the_limit_there_is_a_gain_and_just_above_there_is_none(family, below, above):
-    search = SetSearch(family, PENDULUM, 1)
-    assert search.gain_at(Exact(below)).proof.holds
-    assert search.gain_at(Exact(above)) is None
+    assert found_at((family, PENDULUM), below).proof.holds
+    assert found_at((family, PENDULUM), above) is None
     design, check = run(Reachability(method="set", set=family.set), symmetric_chain((1, 0), above))
     assert design.outcome == "none"
     assert check.verdict == "undecided"
