@@ -49,6 +49,12 @@ class Region:
         """Names without two finite ends."""
         return tuple(name for name, ends in self.box.items() if not ends.is_finite)
 
+    def over(self, expression: Expression) -> Region:
+        """What the region says of the variables of an expression alone: their ends, and the limits on only these."""
+        names = expression.variables
+        ends = {name: interval for name, interval in self.ends.items() if name in names}
+        return Region.made(ends, tuple(sorted(names)), tuple(w for w in self.where if w.variables <= names))
+
     def holds(self, point: Mapping[str, Fraction]) -> bool:
         """Whether a rational point is proved to lie in the region."""
         for name, interval in self.ends.items():

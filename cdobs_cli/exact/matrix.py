@@ -55,7 +55,7 @@ class Matrix:
 
     @staticmethod
     def from_exact(matrix: ExactMatrix) -> Matrix:
-        return Matrix.from_rows([entry.ball() if entry.rational is None else entry.rational for entry in row] for row in matrix.rows)
+        return Matrix.from_rows([entry.scalar() for entry in row] for row in matrix.rows)
 
     @staticmethod
     def from_floats(array: NDArray[np.float64] | Sequence[Sequence[float]]) -> Matrix:

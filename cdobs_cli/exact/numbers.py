@@ -18,7 +18,7 @@ from cdobs_cli.exact.parser import parse
 
 if TYPE_CHECKING:
     import numpy as np
-    from flint import arb
+    from flint import arb, fmpq
     from numpy.typing import NDArray
 
     from cdobs_cli.exact.matrix import Matrix
@@ -46,6 +46,13 @@ class Exact:
     def ball(self) -> arb:
         """Enclosure at the working precision of flint."""
         return self.expression.ball({})
+
+    def scalar(self) -> fmpq | arb:
+        """As flint computes with it: a rational where the number is one, else its ball."""
+        from flint import fmpq
+
+        rational = self.rational
+        return self.ball() if rational is None else fmpq(rational.numerator, rational.denominator)
 
     def __float__(self) -> float:
         return float(self.expression.value) if isinstance(self.expression, Number) else float(self.ball().mid())
@@ -163,6 +170,11 @@ def arb_fraction(value: arb) -> Fraction:
     """The exact rational value of an exact ball (a dyadic number)."""
     mantissa, exponent = value.man_exp()
     return Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
+
+
+def fmpq_fraction(value: fmpq) -> Fraction:
+    """The same rational, as Python's."""
+    return Fraction(int(value.p), int(value.q))
 
 
 def lower_text(value: arb, digits: int = 12) -> str:

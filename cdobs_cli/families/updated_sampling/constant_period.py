@@ -7,8 +7,7 @@ from fractions import Fraction
 from typing import Any
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify import clock
-from cdobs_cli.certify.bracket import largest_proved
+from cdobs_cli.certify import clock, search
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, PlantView
 from cdobs_cli.plant import Plant, Slopes
@@ -52,11 +51,12 @@ def longest(plant: Plant, variant: str, c: Exact, effort: int) -> Certificate | 
         if found is None:
             return None
         K, certificate = found
-        data = {**certificate.data, "K": ExactMatrix.from_floats(K, clock.GAIN_DIGITS).texts(), "method": certificate.method, "c": str(c)}
+        gain = ExactMatrix.from_floats(K, clock.GAIN_DIGITS).texts()
+        data = {**certificate.data, "K": gain, "method": certificate.method, "c": str(c)}
         return Certificate(METHOD, certificate.sampling, data)
 
     unit = Fraction(1 / float(c.rational)).limit_denominator(10**12)
-    found = largest_proved(prove, Exact(unit / 40), Exact(2 * unit), Fraction(1, 50))
+    found = search.between(prove, Exact(unit / 40), Exact(2 * unit), Fraction(1, 50))
     return None if found is None else found[1]
 
 

@@ -16,7 +16,7 @@ from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.families.updated_sampling.domination import largest_growth, proves_ii
 from cdobs_cli.families.updated_sampling.paper_search import largest_alpha
 from cdobs_cli.families.updated_sampling.period import Timing, float_period, guaranteed_period, lemma_1
-from cdobs_cli.families.updated_sampling.proof import alpha_m
+from cdobs_cli.families.updated_sampling.theorem_2 import alpha_m
 from cdobs_cli.families.updated_sampling.theorems import (
     Chain,
     deadbeat_gain,
