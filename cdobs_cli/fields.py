@@ -20,6 +20,7 @@ from pydantic import AfterValidator, BeforeValidator, GetCoreSchemaHandler, Plai
 from pydantic_core import PydanticCustomError, core_schema
 
 from cdobs_cli.exact.expression import Call, Expression, ExpressionError, Number, Power, Variable
+from cdobs_cli.exact.language import LANGUAGE
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import CONSTANTS, TYPED_FUNCTIONS, parse
 
@@ -27,8 +28,6 @@ MAX_ROWS = 256
 MAX_TREE = 20_000
 MAX_TREE_DEPTH = 400
 LARGEST = Fraction(10) ** 100
-# What gives one value for constant arguments (random draws of a noise do not).
-_CONSTANT_FUNCTIONS = {*TYPED_FUNCTIONS, "add", "multiply", "divide", "sign", "step"}
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
@@ -51,7 +50,8 @@ def bounded(expression: Expression) -> Expression:
             raise ExpressionError("an expression that is too large once its parameters are put in")
     closed: dict[Expression, bool] = {}
     for node in expression.walk():
-        constant = not isinstance(node, Variable) and (not isinstance(node, Call) or node.function in _CONSTANT_FUNCTIONS)
+        # Random draws of a noise are no functions of the language: they have no one value.
+        constant = not isinstance(node, Variable) and (not isinstance(node, Call) or node.function in LANGUAGE)
         closed[node] = constant and all(closed[child] for child in node.children)
         if isinstance(node, Number):
             _check_magnitude(node.value)

@@ -8,8 +8,8 @@ from fractions import Fraction
 from math import ceil, inf, isfinite, log10
 from typing import Literal
 
-from cdobs_cli.bounds.points import high_points, point_balls
-from cdobs_cli.bounds.ranges import Range, known_range, range_of
+from cdobs_cli.bounds.points import high_points, largest_met
+from cdobs_cli.bounds.ranges import known_range, value_at
 from cdobs_cli.bounds.reduction import pieces
 from cdobs_cli.bounds.region import Region
 from cdobs_cli.bounds.supremum import ROUND, supremum
@@ -70,15 +70,15 @@ def least_bound(function: Expression, region: Region, tolerance: float = 0.002, 
     width. Where the work does not suffice for that, the bound that was reached.
     """
     own = known_range(function, region.box)
-    met, attained = _largest(function, region)
-    if met is None or abs(met) > LARGEST:
+    best, lowest = (largest_met(side, region, high_points(side, region)) for side in (function, -function))
+    if best is None or abs(met := Fraction(best[0].lower)) > LARGEST:
         return None
-    lowest, _ = _largest(-function, region)
-    width = float(met + min(lowest, LARGEST)) if lowest is not None else 0.0
-    if isinstance(own.upper, Fraction) and _is_short(own.upper) and own.upper - met <= Fraction(max(width, 1e-9 * abs(float(met)))) / 1000:
+    width = 0.0 if lowest is None else float(met + min(Fraction(lowest[0].lower), LARGEST))
+    close = Fraction(max(width, 1e-9 * abs(float(met)))) / 1000
+    if isinstance(own.upper, Fraction) and _is_short(own.upper) and own.upper - met <= close:
         return fraction_text(own.upper)
     room = max(tolerance * width, 1e-9 * abs(float(met)), 1e-12)
-    if attained and _is_short(met):
+    if best[0].is_point and _is_short(met):
         found = bounded(function, region, Exact(met), min(TRIAL, work))
         if found.status == "proved":
             return fraction_text(met)
@@ -93,7 +93,9 @@ def least_bound(function: Expression, region: Region, tolerance: float = 0.002, 
             return limit
         if found.point is None:
             return _above(Fraction(found.value), room) if isfinite(found.value) else None
-        met = max(met, _value(function, found.point) or met)
+        higher = value_at(function, found.point).lower
+        if isinstance(higher, Fraction):
+            met = max(met, higher)
     return None
 
 
@@ -107,22 +109,3 @@ def _above(value: Fraction, room: float) -> str:
     size = abs(float(value))
     digits = 3 if size <= room else max(3, min(17, 2 + ceil(log10(size / room))))
     return upper_text(fraction_ball(value), digits)
-
-
-def _value(function: Expression, point: Mapping[str, Fraction]) -> Fraction | None:
-    ball = function.ball(point_balls(point))
-    value = Range.of_ball(ball).lower
-    return value if isinstance(value, Fraction) else None
-
-
-def _largest(function: Expression, region: Region) -> tuple[Fraction | None, bool]:
-    """The largest value met at points of the region, and whether it is the exact value there."""
-    best: Fraction | None = None
-    exact = False
-    for point in high_points(function, region):
-        if not region.holds(point):
-            continue
-        value = range_of(function, {name: Range.point(at) for name, at in point.items()})
-        if isinstance(value.lower, Fraction) and (best is None or value.lower > best):
-            best, exact = value.lower, value.is_point
-    return best, exact

@@ -71,8 +71,9 @@ def multiply(a: Ends, b: Ends) -> Ends:
     low = np.minimum(np.minimum(parts[0], parts[1]), np.minimum(parts[2], parts[3]))
     high = np.maximum(np.maximum(parts[0], parts[1]), np.maximum(parts[2], parts[3]))
     lower, upper = _down(low), _up(high)
-    rows = np.flatnonzero((low == 0) | (high == 0))
-    if len(rows):
+    zero = (low == 0) | (high == 0)
+    if zero.any():
+        rows = zero.nonzero()[0]
         # A zero stays exact where every zero product has a zero factor, and is not an underflow.
         exact = np.ones(len(rows), dtype=bool)
         for part, (x, y) in zip(parts, ((x, y) for x in a for y in b), strict=True):
@@ -265,10 +266,9 @@ def maximum(a: Ends, b: Ends) -> Ends:
     return np.maximum(a[0], b[0]), np.maximum(a[1], b[1])
 
 
-def constant(value: arb, count: int) -> Ends:
-    """A number as the nearest floats outside."""
-    low, high = outside(value)
-    return np.full(count, low), np.full(count, high)
+def full(ends: tuple[float, float], count: int) -> Ends:
+    """The same interval everywhere."""
+    return np.full(count, ends[0]), np.full(count, ends[1])
 
 
 @dataclass(slots=True)
@@ -336,7 +336,7 @@ def _jet(node: Expression, memo: Mapping[Expression, Jet], count: int) -> Jet:
             x = memo[node.children[1]]
             return Jet(negate(x.value), {index: negate(part) for index, part in x.gradient.items()})
         return _RULES[node.function](*(memo[child] for child in node.children))
-    return Jet(constant(exact_ball(node), count))
+    return Jet(full(outside(exact_ball(node)), count))
 
 
 def _through(expression: Expression, memo: dict[Expression, Jet]) -> Jet:
@@ -351,7 +351,7 @@ def _power_jet(x: Jet, exponent: Fraction) -> Jet:
     value = rational_power(x.value, exponent)
     if not x.gradient:
         return Jet(value)
-    factor = constant(fraction_ball(exponent), len(value[0]))
+    factor = full(outside(fraction_ball(exponent)), len(value[0]))
     below = rational_power(x.value, exponent - 1) if exponent != 1 else None
     return Jet(value, _chain([(factor if below is None else multiply(factor, below), x)]))
 

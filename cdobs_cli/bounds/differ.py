@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
-from cdobs_cli.bounds.points import high_points, point_balls
-from cdobs_cli.bounds.region import Region
+from cdobs_cli.bounds.points import high_points
+from cdobs_cli.bounds.region import Region, point_balls
 from cdobs_cli.certificate import Status
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.rational import is_zero, simplify

@@ -108,9 +108,6 @@ def determinant(rows: Sequence[Sequence[Expression]]) -> Expression:
     """The determinant by expansion along the first row, zeros skipped."""
     if len(rows) == 1:
         return rows[0][0]
-    total: Expression = Number(0)
-    for j, entry in enumerate(rows[0]):
-        if entry != ZERO:
-            minor = determinant([[*row[:j], *row[j + 1 :]] for row in rows[1:]])
-            total = total + Number((-1) ** j) * entry * minor
-    return total
+    minors = ([[*row[:j], *row[j + 1 :]] for row in rows[1:]] for j in range(len(rows)))
+    entries = [(entry, minor, (-1) ** j) for j, (entry, minor) in enumerate(zip(rows[0], minors, strict=True)) if entry != ZERO]
+    return sum((Number(sign) * entry * determinant(minor) for entry, minor, sign in entries), ZERO)
