@@ -16,7 +16,15 @@ from collections.abc import Callable, Iterable, Mapping
 from fractions import Fraction
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BeforeValidator, GetCoreSchemaHandler, PlainSerializer, PlainValidator, ValidationInfo, WithJsonSchema
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    GetCoreSchemaHandler,
+    PlainSerializer,
+    PlainValidator,
+    ValidationInfo,
+    WithJsonSchema,
+)
 from pydantic_core import PydanticCustomError, core_schema
 
 from cdobs_cli.exact.expression import Call, Expression, ExpressionError, Number, Power, Variable
@@ -132,7 +140,10 @@ def _not_negative(value: Exact) -> Exact:
 
 
 _NUMBER_SCHEMA = WithJsonSchema(
-    {"anyOf": [{"type": "number"}, {"type": "string"}], "description": 'A number, or a constant expression in quotes: "sqrt(2)", "1/8".'}
+    {
+        "anyOf": [{"type": "number"}, {"type": "string"}],
+        "description": 'A number, or a constant expression in quotes: "sqrt(2)", "1/8".',
+    }
 )
 ExactNumber = Annotated[Exact, PlainValidator(_read_number), PlainSerializer(str), _NUMBER_SCHEMA]
 """A real number, exact: a decimal, an integer, or a constant expression as text."""
@@ -227,6 +238,6 @@ class _Formula:
 ExpressionInDelta = Annotated[Expression, formula("delta"), PlainSerializer(str)]
 
 __all__ = [
-    "MAX_ROWS", "ExactNumber", "ExpressionInDelta", "NonNegativeNumber", "PositiveNumber", "Rows", "Through", "Vector", "bounded",
-    "formula", "read_exact", "read_expression", "sized", "wrong",
+    "MAX_ROWS", "ExactNumber", "ExpressionInDelta", "NonNegativeNumber", "PositiveNumber", "Rows", "Through", "Vector",
+    "bounded", "formula", "read_exact", "read_expression", "sized", "wrong",
 ]  # fmt: skip

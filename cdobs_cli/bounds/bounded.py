@@ -9,7 +9,7 @@ from math import ceil, inf, isfinite, log10
 from typing import Literal
 
 from cdobs_cli.bounds.points import high_points, largest_met
-from cdobs_cli.bounds.ranges import known_range, value_at
+from cdobs_cli.bounds.ranges import Point, known_range, value_at
 from cdobs_cli.bounds.reduction import pieces
 from cdobs_cli.bounds.region import Region
 from cdobs_cli.bounds.supremum import ROUND, supremum
@@ -32,7 +32,7 @@ class Bounded:
 
     status: Literal["proved", "undecided"]
     value: float
-    point: Mapping[str, Fraction] | None = None
+    point: Point | None = None
     box: Mapping[str, tuple[float, float]] | None = None
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 
 from cdobs_cli.bounds.bounded import TRIAL, bounded, least_bound
 from cdobs_cli.bounds.points import high_points, largest_met
-from cdobs_cli.bounds.ranges import ZERO_POINT, Range, range_of, value_at
+from cdobs_cli.bounds.ranges import ZERO_POINT, Point, Range, range_of, value_at
 from cdobs_cli.bounds.region import Region, point_witness
 from cdobs_cli.certificate import Claim, Status
 from cdobs_cli.exact.expression import Call, Expression, Power
@@ -24,7 +24,7 @@ class Definedness:
 
     status: Status
     condition: str | None = None
-    point: Mapping[str, Fraction] | None = None
+    point: Point | None = None
 
 
 def conditions(expression: Expression) -> Iterator[tuple[Expression, Need]]:
@@ -56,7 +56,7 @@ def is_total(expression: Expression) -> bool:
     return next(conditions(expression), None) is None
 
 
-def _holds(g: Expression, need: Need, region: Region) -> tuple[Status, Mapping[str, Fraction] | None]:
+def _holds(g: Expression, need: Need, region: Region) -> tuple[Status, Point | None]:
     own = range_of(g, region.box)
     if own.lower > 0 or (need == "nonnegative" and own.lower >= 0) or (need == "nonzero" and own.upper < 0):
         return "proved", None
@@ -89,20 +89,20 @@ def _positive(g: Expression, least: Range, region: Region) -> Status:
     return "proved" if any(held) else "undecided"
 
 
-def _least(g: Expression, region: Region) -> tuple[Range, Mapping[str, Fraction]] | None:
+def _least(g: Expression, region: Region) -> tuple[Range, Point] | None:
     """The least value met at points of the region."""
     met = largest_met(-g, region, _with_round_ones(high_points(-g, region)))
     return None if met is None else (-met[0], met[1])
 
 
-def _with_round_ones(points: Iterable[Mapping[str, Fraction]]) -> Iterator[Mapping[str, Fraction]]:
+def _with_round_ones(points: Iterable[Point]) -> Iterator[Point]:
     """Each point, and what it is to two decimals: zeros that g only touches lie there."""
     for point in points:
         yield point
         yield {name: round(at, 2) for name, at in point.items()}
 
 
-def _zero_between(g: Expression, a: Mapping[str, Fraction], b: Mapping[str, Fraction]) -> Mapping[str, Fraction]:
+def _zero_between(g: Expression, a: Point, b: Point) -> Point:
     """A point next to a zero of g on the segment from a to b (the zero itself where bisection meets it)."""
 
     def along(t: Fraction) -> dict[str, Fraction]:
@@ -118,7 +118,7 @@ def _zero_between(g: Expression, a: Mapping[str, Fraction], b: Mapping[str, Frac
     return along(low)
 
 
-def bounded_away(g: Expression, region: Region) -> tuple[Status, Fraction | None, Mapping[str, Fraction] | None]:
+def bounded_away(g: Expression, region: Region) -> tuple[Status, Fraction | None, Point | None]:
     """Whether |g| >= some c > 0 over the region; c, or a point next to which g is 0."""
     status, point = _holds(g, "nonzero", region)
     if status != "proved":
@@ -134,8 +134,9 @@ def bounded_away(g: Expression, region: Region) -> tuple[Status, Fraction | None
 def defined_claim(found: tuple[Definedness, ...], region: Region, what: str = "phi") -> Claim:
     """The required premise `defined`: every component has a value all over the domain."""
     worst = next((one for s in ("refuted", "undecided") for one in found if one.status == s), Definedness("proved"))
-    left = {"proved": "", "refuted": f": {worst.condition} fails", "undecided": f": {worst.condition} could not be decided"}
+    left = {"proved": "", "refuted": f": {worst.condition} fails"}
+    open_one = f": {worst.condition} could not be decided"
     return Claim(
-        "defined", "premise", worst.status, f"{what} is defined for {region.text()}{left[worst.status]}",
+        "defined", "premise", worst.status, f"{what} is defined for {region.text()}{left.get(worst.status, open_one)}",
         "cdobs, the typed expression", required=True, method="branch and bound", witness=point_witness(worst.point),
     )  # fmt: skip

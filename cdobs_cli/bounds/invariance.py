@@ -7,13 +7,14 @@ Lipschitz (x' = -sqrt(max(-x, 0)) is tangent at 0 and still leaves [0, 1]).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 
 from cdobs_cli.bounds.bounded import TRIAL, bounded
 from cdobs_cli.bounds.definedness import defined, is_total
 from cdobs_cli.bounds.points import high_points
+from cdobs_cli.bounds.ranges import Point
 from cdobs_cli.bounds.region import Region, point_balls, point_witness
 from cdobs_cli.certificate import Claim, Status, Witness
 from cdobs_cli.exact.expression import ZERO, Expression, Number, Variable
@@ -118,7 +119,7 @@ def _room(plant: Plant, name: str) -> Fraction:
     return ends[1] - ends[0]
 
 
-def _leaving(face: Face) -> Mapping[str, Fraction] | None:
+def _leaving(face: Face) -> Point | None:
     for point in high_points(face.outward, face.region):
         if face.outward.ball(point_balls(point)) > 0 and face.region.holds(point):
             if face.solved is None:

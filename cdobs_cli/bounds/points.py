@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
+from functools import reduce
 from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cdobs_cli.bounds.ranges import Range, value_at
+from cdobs_cli.bounds.ranges import Point, Range, value_at
 from cdobs_cli.bounds.region import Region
 from cdobs_cli.exact.budget import spend
 from cdobs_cli.exact.compiled import compile_floats
@@ -36,13 +37,13 @@ def high_points(expression: Expression, region: Region) -> Iterator[dict[str, Fr
 
     def judged(points: Array) -> Array:
         with np.errstate(all="ignore"):
-            value, *limits = (np.broadcast_to(np.asarray(v, dtype=float), points.shape[:1]) for v in function(*points.T))
-        value = np.where(np.isfinite(value), value, -inf)
-        for limit in limits:
-            value = np.where(limit >= -1e-15, value, -inf)
-        return value
+            columns = (np.asarray(column, dtype=float) for column in function(*points.T))
+            value, *limits = (np.broadcast_to(column, points.shape[:1]) for column in columns)
+        inside = reduce(np.logical_and, (limit >= -1e-15 for limit in limits), np.isfinite(value))
+        return np.where(inside, value, -inf)
 
-    low, high = _float_ends(region)
+    ends = np.array([(float(one.lower), float(one.upper)) for one in region.box.values()])
+    low, high = ends.T
     points = _scattered(region, random, _FIRST)
     points = np.vstack([points, _pushed_inside(points[: _FIRST // 4], region, low, high)])
     values = judged(points)
@@ -65,7 +66,8 @@ def _pushed_inside(points: Array, region: Region, low: Array, high: Array) -> Ar
     """Points moved onto the limits that they violate, in turn: met where a region is a small part of its box."""
     if not region.where:
         return points[:0]
-    slopes = compile_floats([w.derivative(name) for w in region.where for name in region.names], region.names, arrays=True)
+    rates = [w.derivative(name) for w in region.where for name in region.names]
+    slopes = compile_floats(rates, region.names, arrays=True)
     spend(3000 * len(region.where))
     limits = [compile_floats((w,), region.names, arrays=True) for w in region.where]
     with np.errstate(all="ignore"):
@@ -73,7 +75,8 @@ def _pushed_inside(points: Array, region: Region, low: Array, high: Array) -> Ar
         for _ in range(40):
             for k, normal in enumerate(normals):
                 violation = np.minimum(0.0, np.broadcast_to(limits[k](*points.T)[0], points.shape[:1]))
-                points = np.clip(points - 1.01 * violation[:, None] * normal / max(float(normal @ normal), 1e-300), low, high)
+                step = violation[:, None] * normal / max(float(normal @ normal), 1e-300)
+                points = np.clip(points - 1.01 * step, low, high)
     return points[np.all(np.isfinite(points), axis=1)]
 
 
@@ -83,13 +86,6 @@ def _near(value: float, digits: int, region: Region, name: str) -> Fraction:
         if isinstance(end, Fraction) and abs(float(end) - value) <= 10.0**-digits * max(1e-3, abs(value)):
             return end
     return Fraction(f"{value:.{digits}g}")
-
-
-def _float_ends(region: Region) -> tuple[Array, Array]:
-    return (
-        np.array([float(ends.lower) for ends in region.box.values()]),
-        np.array([float(ends.upper) for ends in region.box.values()]),
-    )
 
 
 def _scattered(region: Region, random: np.random.Generator, count: int) -> Array:
@@ -116,9 +112,8 @@ def _scattered(region: Region, random: np.random.Generator, count: int) -> Array
     return np.array(columns).reshape(len(region.box), count).T
 
 
-def largest_met(
-    function: Expression, region: Region, points: Iterable[Mapping[str, Fraction]]
-) -> tuple[Range, Mapping[str, Fraction]] | None:
+def largest_met(function: Expression, region: Region, points: Iterable[Point]) -> tuple[Range, Point] | None:
     """The largest value met at those of the points that are in the region, and its point."""
     values = [(value_at(function, point), point) for point in points if region.holds(point)]
-    return max((one for one in values if isinstance(one[0].lower, Fraction)), key=lambda one: one[0].lower, default=None)
+    known = (one for one in values if isinstance(one[0].lower, Fraction))
+    return max(known, key=lambda one: one[0].lower, default=None)

@@ -23,6 +23,7 @@ from cdobs_cli.exact.numbers import clipped
 from cdobs_cli.exact.rational import simplify
 from cdobs_cli.exact.shapes import Cornered, End, Monotone, Periodic
 
+Point = Mapping[str, Fraction]
 _MAX_BITS = 1200
 _KEPT_BITS = 400
 
@@ -263,11 +264,12 @@ def _rule(function: Function) -> Callable[..., Range]:
     return _RULES[function.name] if function.jump is None else _jump(*function.jump)
 
 
-def _shortened(rule: Callable[..., Range]) -> Callable[..., Range]:
+def _shortened(function: Function) -> Callable[..., Range]:
+    rule = _rule(function)
     return lambda *arguments: _short(rule(*arguments))
 
 
-RANGE_FUNCTIONS: dict[str, Callable[..., Range]] = {name: _shortened(_rule(function)) for name, function in LANGUAGE.items()}
+RANGE_FUNCTIONS: dict[str, Callable[..., Range]] = {name: _shortened(one) for name, one in LANGUAGE.items()}
 
 
 def range_of(expression: Expression, box: Mapping[str, Range]) -> Range:
@@ -281,7 +283,7 @@ def range_of(expression: Expression, box: Mapping[str, Range]) -> Range:
     return expression.read(leaf, lambda base, exponent: _short(_power(base, exponent)), RANGE_FUNCTIONS)
 
 
-def value_at(expression: Expression, point: Mapping[str, Fraction]) -> Range:
+def value_at(expression: Expression, point: Point) -> Range:
     """An enclosure of the value at a rational point, exact where that is rational by the rules above."""
     return range_of(expression, {name: Range.point(at) for name, at in point.items()})
 

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from math import inf
 
 from flint import arb
 
-from cdobs_cli.bounds.ranges import LINE, Range, value_at
+from cdobs_cli.bounds.ranges import LINE, Point, Range, value_at
 from cdobs_cli.certificate import Witness
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.functions import fraction_ball
@@ -26,7 +25,7 @@ class Region:
     one, in other variables or without some limits, and its points say nothing.
     """
 
-    box: Mapping[str, Range]
+    box: dict[str, Range]
     ends: Mapping[str, Interval]
     where: tuple[Expression, ...] = ()
     relaxed: bool = False
@@ -63,7 +62,7 @@ class Region:
         ends = {name: interval for name, interval in self.ends.items() if name in names}
         return Region.made(ends, tuple(sorted(names)), tuple(w for w in self.where if w.variables <= names))
 
-    def holds(self, point: Mapping[str, Fraction]) -> bool:
+    def holds(self, point: Point) -> bool:
         """Whether a rational point is proved to lie in the region."""
         for name, interval in self.ends.items():
             at = Exact(point[name])
@@ -92,12 +91,12 @@ def _held(value: Exact) -> Range:
     return Range.of_ball(value.ball()) if value.rational is None else Range.point(value.rational)
 
 
-def point_balls(point: Mapping[str, Fraction]) -> dict[str, arb]:
+def point_balls(point: Point) -> dict[str, arb]:
     """The point for `Expression.ball`."""
     return {name: fraction_ball(value) for name, value in point.items()}
 
 
-def point_witness(point: Mapping[str, Fraction] | None, **more: str) -> Witness | None:
+def point_witness(point: Point | None, **more: str) -> Witness | None:
     """A point of the plant's domain as a witness, in exact decimals or fractions."""
     if point is None:
         return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import isfinite
@@ -13,7 +13,7 @@ from cdobs_cli.bounds.bounded import FULL, Bounded, bounded, least_bound
 from cdobs_cli.bounds.definedness import Definedness, defined, defined_claim, is_total
 from cdobs_cli.bounds.invariance import domain_invariant
 from cdobs_cli.bounds.points import high_points
-from cdobs_cli.bounds.ranges import known_range, value_at
+from cdobs_cli.bounds.ranges import Point, known_range, value_at
 from cdobs_cli.bounds.region import Region, point_balls, point_witness
 from cdobs_cli.certificate import Claim, Status, Witness
 from cdobs_cli.exact.expression import ONE, ZERO, Expression
@@ -142,7 +142,7 @@ def decide(slope: Expression, low: Exact, high: Exact, region: Region) -> Decisi
     return Decision("proved", "branch and bound", lower_text(margins[0].min(margins[1]).max(arb(0))))
 
 
-def _refuted(slope: Expression, side: Expression, limit: Exact, point: Mapping[str, Fraction], region: Region) -> Decision | None:
+def _refuted(slope: Expression, side: Expression, limit: Exact, point: Point, region: Region) -> Decision | None:
     at = point_balls(point)
     excess = side.ball(at) - limit.ball()
     if not excess > 0 or not region.holds(point):

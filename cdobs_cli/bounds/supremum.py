@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from cdobs_cli.bounds import boxes
 from cdobs_cli.bounds.boxes import Array, Ends, Evaluator, Jet
-from cdobs_cli.bounds.ranges import Range, range_of
+from cdobs_cli.bounds.ranges import Point, Range, range_of
 from cdobs_cli.bounds.region import Region
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.functions import fraction_ball
@@ -44,7 +44,7 @@ class Supremum:
     bound: float
     count: int
     box: Mapping[str, tuple[float, float]] | None = None
-    point: Mapping[str, Fraction] | None = None
+    point: Point | None = None
 
 
 class _Search:
@@ -55,7 +55,7 @@ class _Search:
         self.near = self.c_high + _NEAR * (1e-3 + abs(self.c_high))
         self.w = [_Affine(w, region.names) for w in region.where]
 
-    def first(self) -> tuple[Array, Array]:
+    def first(self) -> Ends:
         ends = [(_outside(one.lower)[0], _outside(one.upper)[1]) for one in self.region.box.values()]
         low, high = np.array(ends).reshape(1, -1, 2).transpose(2, 0, 1)
         return low, high
@@ -68,7 +68,7 @@ class _Search:
         patience = PATIENCE
         while len(low):
             if count >= budget:
-                return self.left("undecided", low, high, upper, count, decided)
+                return self.left(low, high, upper, count, decided)
             order = np.argsort(-upper, kind="stable")
             take, keep = order[:CHUNK], order[CHUNK:]
             X, rest = (low[take], high[take]), (low[keep], high[keep], upper[keep])
@@ -83,34 +83,30 @@ class _Search:
                 return Supremum("exceeded", inf, count, point=step.point)
             still = step.open
             decided = max(decided, float(np.max(np.where(still, -inf, step.upper), initial=-inf)))
+            upper = np.concatenate([step.upper[still], rest[2]])
             new = _split((X[0][still], X[1][still]), step.smear[still])
-            open_boxes = (
-                np.vstack([X[0][still], rest[0]]), np.vstack([X[1][still], rest[1]]), np.concatenate([step.upper[still], rest[2]])
-            )  # fmt: skip
-            if new is None:
-                return self.left("undecided", *open_boxes, count, decided)
-            if max(np.max(step.upper[still], initial=-inf), np.max(rest[2], initial=-inf)) <= self.near:
-                # Only boxes that touch c are left, and exact ends do not decide them: splitting seldom helps.
-                patience -= 1
-                if patience == 0 and len(open_boxes[2]):
-                    return self.left("undecided", *open_boxes, count, decided)
-            low, high = np.vstack([rest[0], new[0]]), np.vstack([rest[1], new[1]])
+            # Only boxes that touch c are left, and exact ends do not decide them: splitting seldom helps.
+            patience -= bool(np.max(upper, initial=-inf) <= self.near)
+            if new is None or (patience <= 0 and len(upper)):
+                low, high = (np.vstack([X[k][still], rest[k]]) for k in (0, 1))
+                return self.left(low, high, upper, count, decided)
+            low, high = (np.vstack([rest[k], new[k]]) for k in (0, 1))
             upper = np.concatenate([rest[2], np.tile(step.upper[still], 2)])
         return Supremum("proved", min(decided, self.c_high), count)
 
-    # Every box that is not decided counts: the largest of their bounds is a bound of f.
-    def left(self, status: Literal["undecided"], low: Array, high: Array, upper: Array, count: int, decided: float) -> Supremum:
+    def left(self, low: Array, high: Array, upper: Array, count: int, decided: float) -> Supremum:
+        # Every box that is not decided counts: the largest of their bounds is a bound of f.
         worst = int(np.argmax(upper))
         box = {name: (float(low[worst, j]), float(high[worst, j])) for j, name in enumerate(self.region.names)}
-        return Supremum(status, max(decided, float(upper[worst])), count, box)
+        return Supremum("undecided", max(decided, float(upper[worst])), count, box)
 
-    def contract(self, X: tuple[Array, Array]) -> tuple[Array, Array]:
+    def contract(self, X: Ends) -> Ends:
         for w in self.w:
             X = w.contract(X)
         kept = ~np.any(X[0] > X[1], axis=1)
         return X[0][kept], X[1][kept]
 
-    def judge(self, X: tuple[Array, Array]) -> _Step:
+    def judge(self, X: Ends) -> _Step:
         low, high = X
         middle = _middle(low, high)
         upper = np.full(len(low), inf)
@@ -145,16 +141,16 @@ class _Search:
                     upper[k], still[k] = self.c_high, False
         return _Step(upper, still, smear, point)
 
-    def on_face(self, X: tuple[Array, Array]) -> Array:
+    def on_face(self, X: Ends) -> Array:
         return reduce(np.minimum, (bound for _, _, bound in self.forms_over(X, _middle(*X), limits=False)))
 
-    def forms_over(self, X: tuple[Array, Array], middle: Array, *, limits: bool = True) -> Iterator[tuple[Jet, Ends, Array]]:
+    def forms_over(self, X: Ends, middle: Array, *, limits: bool = True) -> Iterator[tuple[Jet, Ends, Array]]:
         """For each form its jet, its value at the middle, and an upper bound over each box."""
         for evaluator in self.evaluators:
             jet, value = evaluator.jet(*X), evaluator.value(middle, middle)
             yield jet, value, np.minimum(jet.value[1], self.mean_value(X, middle, jet, value, self.w if limits else ()))
 
-    def mean_value(self, X: tuple[Array, Array], middle: Array, jet: Jet, value: Ends, limits: Sequence[_Affine]) -> Array:
+    def mean_value(self, X: Ends, middle: Array, jet: Jet, value: Ends, limits: Sequence[_Affine]) -> Array:
         """Upper end of the mean-value form."""
         low, high = X
         count, n = low.shape
@@ -192,8 +188,8 @@ class _Search:
         for (name, one), *face in zip(self.region.box.items(), low, high, strict=True):
             exact = ((end, _outside(end)[side]) for end, side in ((one.upper, 1), (one.lower, 0)))
             known = {outward: end for end, outward in exact if isinstance(end, Fraction)}
-            first, last = (known.get(value, Fraction(value) if isfinite(value) else value) for value in map(float, face))
-            ranges[name] = Range(first, last)
+            values = (float(value) for value in face)
+            ranges[name] = Range(*(known.get(at, Fraction(at) if isfinite(at) else at) for at in values))
         upper = (range_of(form, ranges).upper for form in self.forms)
         return any(isinstance(end, Fraction) and Exact(end).is_at_most(self.limit) for end in upper)
 
@@ -225,7 +221,7 @@ def _middle(low: Array, high: Array) -> Array:
     return np.where(both, 0.0, middle)
 
 
-def _split(X: tuple[Array, Array], smear: Array) -> tuple[Array, Array] | None:
+def _split(X: Ends, smear: Array) -> Ends | None:
     """Two halves of each box; None where a box is as small as floats allow."""
     low, high = X
     if not len(low):
@@ -233,9 +229,10 @@ def _split(X: tuple[Array, Array], smear: Array) -> tuple[Array, Array] | None:
     width = high - low
     # An unbounded side first, then infinite slopes by width, then the smear.
     relative = width / (1e-300 + np.max(np.where(np.isfinite(width), width, 0.0), axis=1, keepdims=True))
-    score = np.where(np.isnan(smear) | (smear == 0), 0.0, smear)
-    blind = ~np.isfinite(np.max(score, axis=1)) | (np.max(score, axis=1) <= 0)
-    score = np.where(blind[:, None], np.where(np.isfinite(score) & (score == 0) & np.any(score > 0, axis=1)[:, None], 0.0, relative), score)
+    score = np.where(np.isnan(smear), 0.0, smear)
+    best = np.max(score, axis=1, keepdims=True)
+    by_width = np.where((score == 0) & (best > 0), 0.0, relative)
+    score = np.where(np.isfinite(best) & (best > 0), score, by_width)
     score = np.where(np.isinf(width) & (smear != 0), inf, score)
     axis = np.argmax(score, axis=1)
     rows = np.arange(len(low))
@@ -266,17 +263,17 @@ class _Affine:
     def slope(self, j: int, count: int) -> Ends:
         return boxes.full(self.slopes[j], count)
 
-    def parts(self, X: tuple[Array, Array]) -> list[Ends]:
+    def parts(self, X: Ends) -> list[Ends]:
         count = len(X[0])
         return [
             boxes.full(self.offset, count),
             *(boxes.multiply(self.slope(j, count), (X[0][:, j], X[1][:, j])) for j in range(X[0].shape[1])),
         ]
 
-    def value(self, X: tuple[Array, Array]) -> Ends:
+    def value(self, X: Ends) -> Ends:
         return reduce(boxes.add, self.parts(X))
 
-    def contract(self, X: tuple[Array, Array]) -> tuple[Array, Array]:
+    def contract(self, X: Ends) -> Ends:
         """The part of each box that w >= 0 leaves (a superset of it, as a box; reversed ends where empty)."""
         low, high = X[0].copy(), X[1].copy()
         with np.errstate(all="ignore"):

@@ -109,7 +109,8 @@ class Coordinates:
         own = [defined_claim(judged, self.region, "the typed dynamics"), self.inverse_claim(), self.diffeomorphism()]
         if self.typed.domain:
             own.append(domain_invariant(typed_plant(self.typed)))
-        worst = next((claim for status in ("refuted", "undecided") for claim in own[:3] if claim.status == status), None)
+        by_weight = (claim for status in ("refuted", "undecided") for claim in own[:3] if claim.status == status)
+        worst = next(by_weight, None)
         kept = []
         for claim in claims:
             if claim.id == "defined":

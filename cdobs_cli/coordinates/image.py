@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from math import isfinite
+from typing import TypeGuard
 
 from cdobs_cli.bounds.bounded import TRIAL, least_bound
 from cdobs_cli.bounds.region import Region
@@ -16,6 +17,7 @@ from cdobs_cli.plant import Box, CoordinateMap, Domain, Interval, TypedDynamics
 
 # Images are supersets in any case: a hundredth of their width is close enough.
 COARSE = 0.01
+Sides = Mapping[str, Interval]
 
 
 def _ends(function: Expression, region: Region) -> tuple[Exact | None, Exact | None]:
@@ -36,7 +38,7 @@ def image_domain(change: CoordinateMap, region: Region) -> Domain:
     return Domain(box, tuple(cut for cuts in found for cut in cuts))
 
 
-def _cuts(change: CoordinateMap, region: Region, box: Mapping[str, Interval], i: int, j: int, side: int) -> list[Expression]:
+def _cuts(change: CoordinateMap, region: Region, box: Sides, i: int, j: int, side: int) -> list[Expression]:
     """Ends of z_i + side z_j that are tighter than those of the box."""
     a, b = (change.names[k] for k in (i, j))
     known = [end for name in (a, b) if name in box for end in (box[name].lower, box[name].upper) if end is not None]
@@ -56,9 +58,13 @@ def _cuts(change: CoordinateMap, region: Region, box: Mapping[str, Interval], i:
     return cuts
 
 
+def _is_finite(end: Exact | None) -> TypeGuard[Exact]:
+    return end is not None and isfinite(float(end))
+
+
 def image_box(map: Sequence[Expression], region: Region, path: tuple[str, ...]) -> Box:
     ends = [_ends(one, region) for one in map]
-    low, high = (tuple(end for end in side if end is not None and isfinite(float(end))) for side in zip(*ends, strict=True))
+    low, high = (tuple(filter(_is_finite, side)) for side in zip(*ends, strict=True))
     if len(low) < len(ends) or len(high) < len(ends):
         what = "its image in the coordinates has no bound"
         raise SpecError((Problem(path, what, hint="give a domain, or a tighter one"),))

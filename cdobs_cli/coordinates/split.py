@@ -12,6 +12,8 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.rational import is_zero, simplify
 from cdobs_cli.plant import Plant, Slopes, TypedDynamics
 
+Trees = Sequence[Expression]
+
 
 def linear_terms(A: ExactMatrix | None, typed: TypedDynamics, names: Sequence[str]) -> list[Expression]:
     """A z + B u, or B u alone."""
@@ -37,7 +39,7 @@ def automatic_slopes(phi: Sequence[Expression], names: Sequence[str]) -> Slopes:
     return Slopes(zero, zero, frozenset(at for at, slope in slopes if simplify(slope) != ZERO))
 
 
-def linear_part(f: Sequence[Expression], names: Sequence[str], *, cancel: bool = True) -> tuple[ExactMatrix, tuple[Expression, ...]]:
+def linear_part(f: Trees, names: Sequence[str], *, cancel: bool = True) -> tuple[ExactMatrix, tuple[Expression, ...]]:
     """A and the rest: f = A x + phi, where A takes the terms `constant * state` of each sum as it is typed."""
     rows, rest = [], []
     for one in f:

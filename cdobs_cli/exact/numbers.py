@@ -146,7 +146,8 @@ class ExactMatrix:
     @staticmethod
     def from_document(rows: Any) -> ExactMatrix:
         """What `texts` wrote. Raises: TypeError, ValueError on anything else."""
-        if not isinstance(rows, list) or not all(isinstance(row, list) and all(isinstance(text, str) for text in row) for row in rows):
+        is_list = isinstance(rows, list) and all(isinstance(row, list) for row in rows)
+        if not is_list or not all(isinstance(text, str) for row in rows for text in row):
             raise TypeError("a matrix is a list of rows of texts")
         return ExactMatrix(rows)
 

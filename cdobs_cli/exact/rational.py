@@ -152,10 +152,11 @@ class Ring:
 
     def power(self, a: Quotient, exponent: Fraction) -> Quotient:
         size = abs(exponent.numerator)
-        terms = max(comb(len(part) + size - 1, size) for part in (a.numerator, a.denominator) if len(part)) if len(a.numerator) else 1
-        if terms > 4 * MAX_TERMS or max((*a.numerator.degrees(), *a.denominator.degrees()), default=0) * size > MAX_DEGREE:
+        parts = (a.numerator, a.denominator)
+        count = max(comb(len(part) + size - 1, size) for part in parts if len(part)) if len(a.numerator) else 1
+        if count > 4 * MAX_TERMS or max((d for part in parts for d in part.degrees()), default=0) * size > MAX_DEGREE:
             raise TooLargeError
-        spend(terms * size)
+        spend(count * size)
         top, bottom = a.numerator**size, a.denominator**size
         return self.quotient(top, bottom) if exponent > 0 else self.quotient(bottom, top)
 
