@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, inf, isfinite, log10
-from typing import Literal
 
 from cdobs_cli.bounds.points import high_points, largest_met
-from cdobs_cli.bounds.ranges import Point, known_range, value_at
+from cdobs_cli.bounds.ranges import known_range, value_at
 from cdobs_cli.bounds.reduction import pieces
 from cdobs_cli.bounds.region import Region
-from cdobs_cli.bounds.supremum import ROUND, supremum
+from cdobs_cli.bounds.supremum import ROUND, Bounded, supremum
 from cdobs_cli.exact.expression import Call, Expression, Power
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.language import LANGUAGE
@@ -26,32 +23,20 @@ LARGEST = Fraction(10) ** 100
 _SHORT = 8
 
 
-@dataclass(frozen=True)
-class Bounded:
-    """f <= value was proved (inf: nothing). `point` is a point where f seems to exceed c; `box` what is left."""
-
-    status: Literal["proved", "undecided"]
-    value: float
-    point: Point | None = None
-    box: Mapping[str, tuple[float, float]] | None = None
-
-
 def bounded(function: Expression, region: Region, limit: Exact, work: int) -> Bounded:
     """Decide function <= limit over the region; the pieces share the work."""
     parts = list(pieces(function, region))
-    value, proved = -inf, True
-    box = None
+    judged = []
     for piece in parts:
-        n, size = len(piece.region.names), sum(_size(form) for form in piece.forms)
+        n, size = len(piece.region.names), sum(map(_size, piece.forms))
         cost = size * (1 + n) + 4 * len(piece.region.where) * n * (n + 2)
-        found = supremum(piece.forms, piece.region, limit, max(4 * ROUND, work // (cost * len(parts))))
-        if found.status == "exceeded":
-            return Bounded("undecided", inf, found.point)
-        value = max(value, found.bound)
-        if found.status != "proved":
-            proved = False
-            box = box or found.box
-    return Bounded("proved" if proved else "undecided", value, None, box)
+        judged.append(supremum(piece.forms, piece.region, limit, max(4 * ROUND, work // (cost * len(parts)))))
+        if judged[-1].point is not None:
+            return judged[-1]
+    left = [one for one in judged if one.status != "proved"]
+    box = next((one.box for one in left if one.box), None)
+    value = max((one.value for one in judged), default=-inf)
+    return Bounded("undecided" if left else "proved", value, None, box)
 
 
 def _size(expression: Expression) -> int:

@@ -9,12 +9,13 @@ from math import isfinite
 
 from flint import arb
 
-from cdobs_cli.bounds.bounded import FULL, Bounded, bounded, least_bound
+from cdobs_cli.bounds.bounded import FULL, bounded, least_bound
 from cdobs_cli.bounds.definedness import Definedness, defined, defined_claim, is_total
 from cdobs_cli.bounds.invariance import domain_invariant
 from cdobs_cli.bounds.points import high_points
 from cdobs_cli.bounds.ranges import Point, known_range, value_at
 from cdobs_cli.bounds.region import Region, point_balls, point_witness
+from cdobs_cli.bounds.supremum import Bounded
 from cdobs_cli.certificate import Claim, Status, Witness
 from cdobs_cli.exact.expression import ONE, ZERO, Expression
 from cdobs_cli.exact.numbers import Exact, fraction_text, lower_text, upper_text

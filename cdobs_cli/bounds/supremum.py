@@ -36,15 +36,13 @@ _NEAR = 1e-9
 
 
 @dataclass(frozen=True)
-class Supremum:
-    """The outcome of one search. `bound`: f <= bound was proved. `box`: what is left, worst first. `point`:
-    a point of the region, in floats, where f seems to exceed c."""
+class Bounded:
+    """f <= value was proved (inf: nothing). `point` is a point where f seems to exceed c; `box` what is left."""
 
-    status: Literal["proved", "exceeded", "undecided"]
-    bound: float
-    count: int
-    box: Mapping[str, tuple[float, float]] | None = None
+    status: Literal["proved", "undecided"]
+    value: float
     point: Point | None = None
+    box: Mapping[str, tuple[float, float]] | None = None
 
 
 class _Search:
@@ -60,15 +58,13 @@ class _Search:
         low, high = np.array(ends).reshape(1, -1, 2).transpose(2, 0, 1)
         return low, high
 
-    def run(self, budget: int) -> Supremum:
+    def run(self, budget: int) -> Bounded:
         low, high = self.first()
-        upper = np.array([inf])
-        count = 0
-        decided = -inf
-        patience = PATIENCE
+        upper, decided = np.array([inf]), -inf
+        count, patience = 0, PATIENCE
         while len(low):
             if count >= budget:
-                return self.left(low, high, upper, count, decided)
+                return self.left(low, high, upper, decided)
             order = np.argsort(-upper, kind="stable")
             take, keep = order[:CHUNK], order[CHUNK:]
             X, rest = (low[take], high[take]), (low[keep], high[keep], upper[keep])
@@ -80,7 +76,7 @@ class _Search:
                 continue
             step = self.judge(X)
             if step.point is not None:
-                return Supremum("exceeded", inf, count, point=step.point)
+                return Bounded("undecided", inf, step.point)
             still = step.open
             decided = max(decided, float(np.max(np.where(still, -inf, step.upper), initial=-inf)))
             upper = np.concatenate([step.upper[still], rest[2]])
@@ -89,16 +85,16 @@ class _Search:
             patience -= bool(np.max(upper, initial=-inf) <= self.near)
             if new is None or (patience <= 0 and len(upper)):
                 low, high = (np.vstack([X[k][still], rest[k]]) for k in (0, 1))
-                return self.left(low, high, upper, count, decided)
+                return self.left(low, high, upper, decided)
             low, high = (np.vstack([rest[k], new[k]]) for k in (0, 1))
             upper = np.concatenate([rest[2], np.tile(step.upper[still], 2)])
-        return Supremum("proved", min(decided, self.c_high), count)
+        return Bounded("proved", min(decided, self.c_high))
 
-    def left(self, low: Array, high: Array, upper: Array, count: int, decided: float) -> Supremum:
+    def left(self, low: Array, high: Array, upper: Array, decided: float) -> Bounded:
         # Every box that is not decided counts: the largest of their bounds is a bound of f.
         worst = int(np.argmax(upper))
         box = {name: (float(low[worst, j]), float(high[worst, j])) for j, name in enumerate(self.region.names)}
-        return Supremum("undecided", max(decided, float(upper[worst])), count, box)
+        return Bounded("undecided", max(decided, float(upper[worst])), None, box)
 
     def contract(self, X: Ends) -> Ends:
         for w in self.w:
@@ -109,11 +105,9 @@ class _Search:
     def judge(self, X: Ends) -> _Step:
         low, high = X
         middle = _middle(low, high)
-        upper = np.full(len(low), inf)
-        smear = np.zeros_like(low)
-        width = high - low
+        upper, at_middle = np.full(len(low), inf), np.full(len(low), -inf)
+        smear, width = np.zeros_like(low), high - low
         grown, shrunk = np.zeros(low.shape, dtype=bool), np.zeros(low.shape, dtype=bool)
-        at_middle = np.full(len(low), -inf)
         for jet, value, bound in self.forms_over(X, middle):
             at_middle = np.maximum(at_middle, value[0])
             upper = np.minimum(upper, bound)
@@ -293,7 +287,7 @@ class _Affine:
         return low, high
 
 
-def supremum(forms: Sequence[Expression], region: Region, limit: Exact, budget: int) -> Supremum:
+def supremum(forms: Sequence[Expression], region: Region, limit: Exact, budget: int) -> Bounded:
     """Decide f <= limit over the region, within `budget` boxes.
 
     Args:
