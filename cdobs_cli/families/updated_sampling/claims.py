@@ -161,13 +161,13 @@ def _one_step_claim(plant: Plant, design: Design, numbers: Numbers, effort: int)
 
 def _bounds(rate: Rate, numbers: Numbers, bounded: bool) -> dict[str, Bound]:
     """The guaranteed period for c <= largest, and what Lemma 1's own constants give."""
-    if rate.largest is None or not bounded or not numbers.are_signed:
+    if rate.largest is None or not bounded or not numbers.is_signed:
         return {}
     c = rate.largest.ball()
-    proved, reached = guaranteed_period(numbers.timing, c)
+    proved, reached = guaranteed_period(numbers.balls, c)
     about = f"every sampling period while c <= {rate.largest}, L(0) = 1"
     ceiling = upper_text(reached, 9) if rate.origin == "constant" else None
     return {
         "guaranteed_period": Bound(lower_text(proved, 9), ceiling, "s", "fixed point of (6)-(7)", about),
-        "guaranteed_period.lemma_1": Bound(lower_text(lemma_1(numbers.timing, c), 3), None, "s", "Lemma 1", about),
+        "guaranteed_period.lemma_1": Bound(lower_text(lemma_1(numbers.balls, c), 3), None, "s", "Lemma 1", about),
     }

@@ -26,9 +26,20 @@ class Timing:
     a_3: Any
 
     @property
+    def balls(self) -> Timing:
+        """The same in balls."""
+        return Timing(*map(arb, (self.alpha, self.a_1, self.a_2, self.a_3)))
+
+    @property
     def floats(self) -> Timing:
         """The same in floats."""
         return Timing(*(float(arb(value).mid()) for value in (self.alpha, self.a_1, self.a_2, self.a_3)))
+
+    @property
+    def is_signed(self) -> bool:
+        """alpha, a_1, a_2 > 0, a_3 >= 0 and a_1 alpha < 1: what (6)-(7) take for granted. Not in floats."""
+        positive = all(arb(value) > 0 for value in (self.alpha, self.a_1, self.a_2))
+        return bool(positive and arb(self.a_3) >= 0 and arb(self.a_1 * self.alpha) < 1)
 
     def cycle(self, c: Any, x: Any, exponential: Callable[[Any], Any]) -> Any:
         """`fixed_point` at L^- = x for constant c."""

@@ -27,29 +27,16 @@ _DIGITS = 10
 
 
 @dataclass(frozen=True)
-class Numbers:
-    """K (n, 1) and alpha, a_1, a_2, a_3 as they run: rationals where they are, else balls."""
+class Numbers(Timing):
+    """alpha, a_1, a_2, a_3 and K (n, 1) as they run: rationals where they are, else balls."""
 
     K: Matrix
-    alpha: Any
-    a_1: Any
-    a_2: Any
-    a_3: Any
 
     @staticmethod
     def of(gain: Gain) -> Numbers:
         """Raises: KeyError where the design holds no such gain."""
-        return Numbers(gain["K"].balls(), *(gain[name][0, 0].scalar() for name in SCALARS))
-
-    @property
-    def are_signed(self) -> bool:
-        """alpha, a_1, a_2 > 0, a_3 >= 0 and a_1 alpha < 1: what (6)-(7) take for granted."""
-        positive = all(arb(value) > 0 for value in (self.alpha, self.a_1, self.a_2))
-        return bool(positive and arb(self.a_3) >= 0 and arb(self.a_1 * self.alpha) < 1)
-
-    @property
-    def timing(self) -> Timing:
-        return Timing(*(arb(value) for value in (self.alpha, self.a_1, self.a_2, self.a_3)))
+        alpha, a_1, a_2, a_3 = (gain[name][0, 0].scalar() for name in SCALARS)
+        return Numbers(alpha, a_1, a_2, a_3, gain["K"].balls())
 
 
 @dataclass(frozen=True)

@@ -114,7 +114,7 @@ class Theorem2(Theorem):
         a_2_limit = theorem_2_a_2_least(w, N_1, N_2, arb(p_1), arb(p_3), lambda x, y: x.max(y))
         a_2_printed = theorem_2_a_2(w, N_1, N_2, arb(p_1), arb(p_3))
         dilates = positive and is_definite(condition_9_lower(chain, P, p_3), condition_9_upper(chain, P, p_4))
-        reach = _reach(alpha_m(P, K, a_1, p_2) if positive and numbers.are_signed else None)
+        reach = _reach(alpha_m(P, K, a_1, p_2) if positive and numbers.is_signed else None)
         sizes = f"{upper_text(a_2_limit, 6)} (N_1 <= {upper_text(N_1, 6)}, N_2 <= {upper_text(N_2, 6)})"
         powers = f"p_3 P <= P D + D P <= p_4 P with p_3 = {self.p_3}, p_4 = {self.p_4}"
         conditions = (
@@ -124,7 +124,7 @@ class Theorem2(Theorem):
              f"(A + K C)'P + P (A + K C) <= -I and {powers}", "Andrieu2014, (9)"),
             ("a_1", arb(a_1) <= a_1_limit, f"a_1 is at most 1 / (2 p_2 p_4), which is {lower_text(a_1_limit, 8)}",
              self.source),
-            ("alpha_m", numbers.are_signed and is_definite(lemma_4(chain, P, K, alpha, a_1, p_2)),
+            ("alpha_m", numbers.is_signed and is_definite(lemma_4(chain, P, K, alpha, a_1, p_2)),
              f"(17) holds at alpha; {reach}", "Andrieu2014, Lemma 4, (17)"),
             ("a_2", arb(numbers.a_2) >= a_2_limit,
              f"a_2 is at least what step 3 of the proof needs, {sizes}; the paper takes {upper_text(a_2_printed, 6)}",

@@ -85,7 +85,7 @@ class Theorem2Prime(Theorem):
             shrink = fmpq(epsilon.numerator, epsilon.denominator)
             return is_definite(theorem_2_prime_i(chain, P, numbers.K, numbers.alpha, numbers.a_1, shrink))
 
-        epsilon = next(filter(meets_i, _EPSILONS if numbers.are_signed else ()), None)
+        epsilon = next(filter(meets_i, _EPSILONS if numbers.is_signed else ()), None)
         falls, margin = "", None
         if epsilon is not None:
             falls = f": V = E'PE falls by a factor 1 - {float(epsilon):g} at each sample at least"
