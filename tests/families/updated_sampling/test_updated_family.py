@@ -11,13 +11,16 @@ import pytest
 from updated_plants import burst, chain, last_row, sines
 
 from cdobs_cli.certificate import Check
+from cdobs_cli.certify.methods.base import read
 from cdobs_cli.design import Design
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import parse
 from cdobs_cli.families.updated_sampling import UpdatedSampling
 from cdobs_cli.families.updated_sampling.lipschitz import constant_rate, derive_rate, magnitudes, rate_claim, typed_rate
+from cdobs_cli.families.updated_sampling.member import asked
 from cdobs_cli.families.updated_sampling.separated import modulus_bound, separated
 from cdobs_cli.families.updated_sampling.structure import problems
+from cdobs_cli.families.updated_sampling.synthesis import THEOREMS
 from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.plant import Domain, Interval, Plant
 from cdobs_cli.run import Run, SimulationPlan
@@ -125,6 +128,25 @@ def test_a_changed_gain_or_certificate_is_not_proved(two_states):
         changed = replace(design, certificates=(replace(certificate, data=data),))
         assert card.certify(plant, changed, 0).verdict == "undecided"
     assert card.certify(plant, replace(design, details={}), 0).verdict == "undecided"
+
+
+@pytest.mark.parametrize("method", ["theorem_2_prime", "theorem_2"])
+def test_a_theorem_is_its_certificate(method):
+    card, plant = family(method=method), sines(2)
+    design = card.synthesize(plant, 0)
+    stored = read(design.certificates[0], THEOREMS)
+    assert stored is not None and stored.gain is None
+    assert stored.method.name == method and stored.method.certificate() == design.certificates[0]
+    question = asked(card, plant, design.gain, 0)
+    proof = stored.method.prove(question)
+    claims = stored.method.claims(question, proof)
+    assert proof.holds and claims and all(claim.status == "proved" for claim in claims)
+    slow = {**design.gain, "a2": ExactMatrix([[Exact("0.5") * design.gain["a2"][0, 0]]])}
+    weaker = stored.method.prove(question.with_gain(slow))
+    assert not weaker.holds
+    assert "undecided" in {claim.status for claim in stored.method.claims(question, weaker)}
+    data = {**design.certificates[0].data, "mu": "1"}
+    assert read(replace(design.certificates[0], data=data), THEOREMS) is None
 
 
 def test_a_design_for_smaller_slopes_does_not_serve_larger_ones(two_states):
