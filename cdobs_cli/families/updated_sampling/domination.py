@@ -85,8 +85,6 @@ def last_row_growth(P_tau: Array) -> tuple[float, float]:
 @lru_cache(maxsize=16)
 def _to_bernstein(degree: int) -> tuple[tuple[fmpq, ...], ...]:
     """The map from values at k / degree to Bernstein coefficients on [0, 1], exact."""
-    if degree == 0:
-        return ((fmpq(1),),)
     d, size = degree, degree + 1
     entries = [fmpq(comb(d, i) * k**i * (d - k) ** (d - i), d**d) for k in range(size) for i in range(size)]
     return tuple(map(tuple, fmpq_mat(size, size, entries).inv().tolist()))
@@ -118,7 +116,7 @@ def _positive_on(coefficients: list[Matrix], depth: int = _DEPTH) -> bool:
 
 def _nodes(alpha: Any, n: int) -> list[Any]:
     degree = 2 * (n - 1)
-    return [alpha * k / degree for k in range(degree + 1)] if degree else [alpha * 0]
+    return [alpha * k / max(degree, 1) for k in range(degree + 1)]
 
 
 def proves_ii(P: Matrix, alpha: Any, g: Any, variant: str) -> bool:
