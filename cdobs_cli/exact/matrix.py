@@ -168,7 +168,8 @@ def block(rows: Sequence[Sequence[T]]) -> T:
     parts: list[list[Any]] = [list(row) for row in rows]
     if isinstance(parts[0][0], Matrix):
         lines = [line for row in parts for line in zip(*(part.tolist() for part in row), strict=True)]
-        return Matrix.from_rows([value for part in line for value in part] for line in lines)  # type: ignore[return-value]
+        table = [[value for part in line for value in part] for line in lines]
+        return Matrix.from_rows(table)  # type: ignore[return-value]
     import numpy as np
 
     if all(isinstance(part, np.ndarray) for row in parts for part in row):

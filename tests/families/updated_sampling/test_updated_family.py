@@ -75,7 +75,8 @@ def test_a_constant_period_does_more_where_c_is_known(two_states):
     certificate = design.certificates[-1]
     assert certificate.method == "constant_period"
     for data in ({**certificate.data, "c": "0.5"}, {**certificate.data, "K": [["1"], ["-1"]]}, {}):
-        again = family().certify(sines(2), replace(design, certificates=(*design.certificates[:-1], replace(certificate, data=data))), 0)
+        changed = (*design.certificates[:-1], replace(certificate, data=data))
+        again = family().certify(sines(2), replace(design, certificates=changed), 0)
         assert again.verdict == "proved"
         assert again.claim("constant_period").status == "undecided"
         assert "guaranteed_period.constant" not in again.bounds
@@ -98,10 +99,12 @@ def test_the_constants_of_the_paper():
     assert check.verdict == "proved"
     assert 9e-4 <= period(check) < 0.01
     conditions = {claim.id: claim.status for claim in check.claims if claim.id.startswith("theorem_2.")}
-    assert conditions == dict.fromkeys((f"theorem_2.{name}" for name in ("8", "9", "a_1", "alpha_m", "a_2", "a_3")), "proved")
+    names = ("8", "9", "a_1", "alpha_m", "a_2", "a_3")
+    assert conditions == dict.fromkeys((f"theorem_2.{name}" for name in names), "proved")
     for name, factor in (("a2", "0.9"), ("a3", "0.9"), ("a1", "1.1"), ("alpha", "1.5")):
         shifted = ExactMatrix([[Exact(factor) * design.gain[name][0, 0]]])
-        assert family(method="theorem_2").certify(sines(2), replace(design, gain={**design.gain, name: shifted}), 0).verdict == "undecided"
+        changed = replace(design, gain={**design.gain, name: shifted})
+        assert family(method="theorem_2").certify(sines(2), changed, 0).verdict == "undecided"
 
 
 def test_last_row_is_less_conservative(two_states):
@@ -195,7 +198,14 @@ def test_irrational_numbers_of_a_given_gain():
     assert check.claim("hurwitz").status == "proved"
 
 
-def run(plant: Plant, design: Design, card: UpdatedSampling, horizon: str, start: tuple[str, ...], signals: dict[str, str]) -> Run:
+def run(
+    plant: Plant,
+    design: Design,
+    card: UpdatedSampling,
+    horizon: str,
+    start: tuple[str, ...],
+    signals: dict[str, str],
+) -> Run:
     plan = SimulationPlan(
         Exact(horizon), tuple(Exact(value) for value in start), initial_estimate=tuple(Exact(0) for _ in start),
         signals={name: parse(text, frozenset({"t"})) for name, text in signals.items()},
@@ -260,7 +270,8 @@ def test_a_smaller_stored_c_is_not_believed():
     values = magnitudes(sines(2))
     assert values is not None
     constant = constant_rate("triangular", values)
-    assert rate_claim(sines(2), replace(constant, c=parse("0.5"), largest=Exact("0.5")), "triangular").status == "undecided"
+    smaller = replace(constant, c=parse("0.5"), largest=Exact("0.5"))
+    assert rate_claim(sines(2), smaller, "triangular").status == "undecided"
 
 
 def test_secants_bound_differences_by_brute_force():
@@ -327,7 +338,8 @@ def test_check_loads_no_solver(two_states):
 
     here = Path(__file__).parent
     made = subprocess.run(
-        [sys.executable, "-c", script], input=json.dumps(two_states[0].document()), text=True, capture_output=True, check=False, timeout=60,
+        [sys.executable, "-c", script], input=json.dumps(two_states[0].document()), text=True, capture_output=True,
+        check=False, timeout=60,
         cwd=here.parents[2], env={"PYTHONPATH": f"{here}:{here.parents[2]}"},
     )  # fmt: skip
     assert made.returncode == 0, made.stderr
