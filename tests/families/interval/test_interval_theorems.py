@@ -21,7 +21,13 @@ from cdobs_cli.families.interval.boundedness import (
     prove_lmi_15,
     refute_hurwitz,
 )
-from cdobs_cli.families.interval.held_loop import closed_loop, descriptor_design, find_held_loop, prove_held_loop, refute_held_loop
+from cdobs_cli.families.interval.held_loop import (
+    closed_loop,
+    descriptor_design,
+    find_held_loop,
+    prove_held_loop,
+    refute_held_loop,
+)
 from cdobs_cli.families.interval.theorem_2 import (
     Theorem2,
     find_theorem_2,
