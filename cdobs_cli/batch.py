@@ -13,14 +13,16 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cdobs_cli.errors import INTERRUPTED, ArtefactError, CdobsError, ExitCode, Problem, SpecError, ToolError, UsageError
+from cdobs_cli.errors import INTERRUPTED, CdobsError, ExitCode, Problem, SpecError, ToolError, UsageError, untold
 from cdobs_cli.exact.budget import WorkError
-from cdobs_cli.outcome import Job, Message, Result, exit_code, failure, judged, readable
+from cdobs_cli.outcome import Job, Message, Result, ResultStatus, exit_code, failure, judged, readable
 from cdobs_cli.printable import lines
 
 if TYPE_CHECKING:
     from cdobs_cli.console import Console
     from cdobs_cli.pipeline import Work
+    from cdobs_cli.report.index import IndexEntry
+    from cdobs_cli.report.model import Report
     from cdobs_cli.spec.model import Spec
 
 Tell = Callable[[Result], None]
@@ -48,20 +50,20 @@ def jobs(paths: Iterable[Path], out: Path, *, writing: bool = True) -> list[Job]
     another (where there is any `writing`) are jobs too, `refused`: they cost an exit code, and the others are
     carried out.
     """
-    found: dict[Path, Job] = {}
+    todo: dict[Path, Job] = {}
     owners: dict[Path, Path] = {}
     for path in paths:
         for job in _below(path, out) if path.is_dir() else [Job(path, out / path.stem)]:
-            if job.spec.absolute() in found:
+            if job.spec.absolute() in todo:
                 continue
             owner = owners.setdefault(job.folder, job.spec) if job.refused is None else job.spec
             if writing and owner.resolve() != job.spec.resolve():
-                told = f"{owner} has its results in {job.folder} already; give one of them another name or another --out"
-                job = replace(job, refused=told)
+                taken = f"{owner} has its results in {job.folder} already"
+                job = replace(job, refused=f"{taken}; give one of them another name or another --out")
             elif owner != job.spec and owner.resolve() == job.spec.resolve():
                 continue  # the same file by another name
-            found[job.spec.absolute()] = job
-    return list(found.values())
+            todo[job.spec.absolute()] = job
+    return list(todo.values())
 
 
 def _below(top: Path, out: Path) -> list[Job]:
@@ -72,10 +74,10 @@ def _below(top: Path, out: Path) -> list[Job]:
         refused.append(Job(Path(error.filename or top), out, f"cannot be read: {error.strerror or error}"))
 
     for place, folders, files in os.walk(top, onerror=unreadable):
-        folders[:] = sorted(name for name in folders if not name.startswith(".") and (Path(place) / name).resolve() != results)
-        for name in files:
-            if name.endswith(SPEC_SUFFIXES) and not name.startswith(".") and not name.endswith(PLANT_SUFFIXES):
-                specs.append(Path(place) / name)
+        seen = sorted(name for name in folders if not name.startswith("."))
+        folders[:] = [name for name in seen if (Path(place) / name).resolve() != results]
+        names = [name for name in files if not name.startswith(".") and not name.endswith(PLANT_SUFFIXES)]
+        specs += [Path(place) / name for name in names if name.endswith(SPEC_SUFFIXES)]
     if not specs and not refused:
         return [Job(top, out, "no spec (*.yaml, *.yml) below this directory")]
     return [*refused, *(Job(spec, out / spec.relative_to(top).with_suffix("")) for spec in sorted(specs))]
@@ -91,25 +93,23 @@ def run(job: Job, stages: tuple[str, ...], settings: Settings, tell: Tell | None
         if job.refused is not None:
             raise UsageError(job.refused)
         result = _run(job, stages, settings, None if settings.time_limit is None else tell)
-    except UsageError as error:
-        result = Result(str(job.spec), "invalid", (Message("error", str(error), str(job.spec), rule="command"),))
-    except SpecError as error:
-        result = Result(str(job.spec), "invalid", tuple(Message.from_problem(problem) for problem in error.problems))
-    except ArtefactError as error:
-        result = Result(str(job.spec), "invalid", (Message("error", str(error), str(job.spec), rule="artefact"),))
-    except WorkError as error:  # not a mistake that reading could tell, and nothing was decided
-        told = Message("error", f"undecided: {error}", str(job.spec), rule="work")
-        result = Result(str(job.spec), "finding", (told,))
-    except CdobsError as error:
-        result = failure(str(job.spec), str(error))
-    except OSError as error:
-        place = f": {error.filename}" if error.filename else ""
-        result = failure(str(job.spec), f"the system refuses: {error.strerror or error}{place}")
-    except (Exception, RecursionError, MemoryError) as error:
-        if settings.verbose:
-            _show_where(error)
-        result = failure(str(job.spec), f"internal error, {type(error).__name__}: {error}; please report it (-v prints where it happened)")
+    except Exception as error:
+        result = _ended_by(error, str(job.spec), settings)
     return replace(result, seconds=time.perf_counter() - start)
+
+
+def _ended_by(error: Exception, spec: str, settings: Settings) -> Result:
+    """What an error says of a spec."""
+    if isinstance(error, SpecError):
+        return Result(spec, "invalid", tuple(Message.from_problem(problem) for problem in error.problems))
+    if isinstance(error, WorkError):  # not a mistake that reading could tell, and nothing was decided
+        return Result(spec, "finding", (Message("error", f"undecided: {error}", spec, rule="work"),))
+    if isinstance(error, CdobsError):
+        status: ResultStatus = "invalid" if error.exit_code == ExitCode.INVALID else "failed"
+        return Result(spec, status, (Message("error", str(error), spec, rule=error.rule),))
+    if settings.verbose and not isinstance(error, OSError):
+        _show_where(error)
+    return failure(spec, untold(error))
 
 
 def _run(job: Job, stages: tuple[str, ...], settings: Settings, tell: Tell | None) -> Result:
@@ -124,15 +124,12 @@ def _run(job: Job, stages: tuple[str, ...], settings: Settings, tell: Tell | Non
     store = Store(job.folder)
     store.open()
     work = pipeline.Work(spec, store, settings.effort, frozenset(stages) if settings.force else frozenset())
-    verbs: dict[str, Callable[[pipeline.Work], object]] = {
-        "synthesize": pipeline.synthesize, "check": pipeline.check, "simulate": pipeline.simulate, "report": pipeline.report,
-        "replay": partial(pipeline.replay, identifier=settings.witness or ""),
-    }  # fmt: skip
     try:
         for number, stage in enumerate(stages, start=1):
             if tell is not None:
                 tell(_known(work, job, stages[: number - 1], settings, stages[number - 1 :]))
-            verbs[stage](work)
+            # The stages are the functions of their names.
+            getattr(pipeline, stage)(work, *((settings.witness,) if stage == "replay" else ()))
     except SpecError as error:  # what only a run can see, e.g. a signal that leaves its interval
         raise SpecError(tuple(_placed(problem, spec) for problem in error.problems)) from error
     return _known(work, job, stages, settings)
@@ -142,14 +139,26 @@ def _known(work: Work, job: Job, stages: tuple[str, ...], settings: Settings, wa
     """What there is to say after the stages that were carried out."""
     if not stages:
         return Result(str(job.spec), "ok", waiting=waiting)
-    from cdobs_cli import pipeline
-    from cdobs_cli.findings import find
+    from cdobs_cli import findings, pipeline
+    from cdobs_cli.report.summary import headline, summary_lines
 
-    documents = pipeline.documents(work)
-    told = _told_by(stages, documents)
-    messages = tuple(find(work.spec, documents, told))
-    more = documents | _told(work, job, stages, settings, told)
-    return Result(str(job.spec), judged(messages), messages, **more, waiting=waiting)  # type: ignore[arg-type]
+    documents, report = pipeline.documents(work), pipeline.report_model(work, {})
+    seen = _seen_by(stages, documents)
+    messages = tuple(findings.find(work.spec, documents, seen))
+    expected = tuple(Problem(one.expectation.field, "").path for one in findings.decided(work.spec, documents, seen))
+    return Result(
+        str(job.spec), judged(messages), messages, documents["design"], documents["check"], documents["simulation"],
+        headline(report), tuple(summary_lines(report)), expected,
+        _row(report, job, settings) if "report" in stages else None, waiting=waiting,
+    )  # fmt: skip
+
+
+def _row(report: Report, job: Job, settings: Settings) -> IndexEntry:
+    """Of the index page."""
+    from cdobs_cli.report.index import IndexEntry
+
+    pictures = sorted(path.stem for path in (job.folder / "figures").glob("*.svg"))
+    return IndexEntry.of(report, job.folder.relative_to(settings.out).as_posix(), pictures)
 
 
 def _show_where(error: BaseException) -> None:
@@ -166,30 +175,15 @@ def _placed(problem: Problem, spec: Spec) -> Problem:
     return replace(problem, file=file, line=line, column=column)
 
 
-def _told_by(stages: tuple[str, ...], documents: Mapping[str, object]) -> frozenset[str]:
+def _seen_by(stages: tuple[str, ...], documents: Mapping[str, object]) -> frozenset[str]:
     """The stages whose findings count: a report tells what is there of the check and the simulation."""
     shown = {"check", *(("simulate",) if documents["simulation"] is not None else ())} if stages == ("report",) else ()
     return frozenset({*stages, *shown})
 
 
-def _told(work: Work, job: Job, stages: tuple[str, ...], settings: Settings, seen: frozenset[str]) -> dict[str, object]:
-    """The lines for people, what was expected, and the row of the index page."""
-    from cdobs_cli.findings import decided
-    from cdobs_cli.pipeline import documents, report_model
-    from cdobs_cli.report.summary import headline, summary_lines
-
-    report = report_model(work, {})
-    expected = tuple(Problem(outcome.expectation.field, "").path for outcome in decided(work.spec, documents(work), seen))
-    told: dict[str, object] = {"summary": tuple(summary_lines(report)), "headline": headline(report), "expected": expected}
-    if "report" in stages:
-        from cdobs_cli.report.index import IndexEntry
-
-        pictures = sorted(path.stem for path in (job.folder / "figures").glob("*.svg"))
-        told["index"] = IndexEntry.of(report, job.folder.relative_to(settings.out).as_posix(), pictures)
-    return told
-
-
-def carry_out(command: str, paths: Sequence[Path], stages: tuple[str, ...], settings: Settings, console: Console) -> ExitCode:
+def carry_out(
+    command: str, paths: Sequence[Path], stages: tuple[str, ...], settings: Settings, console: Console
+) -> ExitCode:
     """Carry out a command on every spec the paths mean; the largest exit code wins, every spec is processed.
 
     After an interrupt, what has ended is told as it is, and the rest as failed.
@@ -197,11 +191,12 @@ def carry_out(command: str, paths: Sequence[Path], stages: tuple[str, ...], sett
     todo = jobs(paths, settings.out, writing=bool(stages))
     results: dict[int, Result] = {}
     interrupted = False
-    with console.following([str(job.spec) for job in todo]) as follow, closing(_each(todo, stages, settings, follow.started)) as ended:
+    with console.following([str(job.spec) for job in todo]) as follow:
         try:
-            for number, result in ended:
-                results[number] = result
-                follow.ended(number, result)
+            with closing(_each(todo, stages, settings, follow.started)) as ended:
+                for number, result in ended:
+                    results[number] = result
+                    follow.ended(number, result)
         except KeyboardInterrupt:
             interrupted = True
     ordered = [results.get(number) or failure(str(job.spec), INTERRUPTED) for number, job in enumerate(todo)]
@@ -243,6 +238,6 @@ def _write_index(results: list[Result], out: Path) -> None:
     rows = []
     for result in results:
         message = readable("; ".join(str(message) for message in result.messages))
-        row = result.index or IndexEntry(readable(Path(result.spec).stem), readable(result.spec), result.status, holds=False)
+        row = result.index or IndexEntry(readable(Path(result.spec).stem), readable(result.spec), result.status)
         rows.append(replace(row, message=message, holds=result.status == "ok"))
     write_atomically(out / "index.html", index_page(rows))

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
-from cdobs_cli.codec import KEY, OPTIONAL, read_fields
+from cdobs_cli.codec import KEY, OPTIONAL, Artefact, Noun
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.sampling import SamplingLaw
 
@@ -16,7 +16,7 @@ Better = Literal["more", "less"]
 
 
 @dataclass(frozen=True)
-class Witness:
+class Witness(Noun):
     """A counterexample that anyone can replay.
 
     kind: `constant` (one slope vector), `switching` (slope values per arc), `vector` (a state or error
@@ -34,21 +34,9 @@ class Witness:
     entries: tuple[tuple[int, int], ...] = ()
     data: dict[str, Any] = field(default_factory=dict, metadata={OPTIONAL: True})
 
-    def document(self) -> dict[str, Any]:
-        return {
-            "kind": self.kind, "class": self.about, "times": list(self.times),
-            "values": [list(row) for row in self.values], "multiplier": self.multiplier,
-            "entries": [list(entry) for entry in self.entries], **({"data": self.data} if self.data else {}),
-        }  # fmt: skip
-
-    @staticmethod
-    def from_document(document: dict[str, Any]) -> Witness:
-        """Raises: KeyError, TypeError, ValueError on anything `document` did not write."""
-        return read_fields(Witness, document)
-
 
 @dataclass(frozen=True)
-class Claim:
+class Claim(Noun):
     """One statement and what became of it.
 
     `margin` is a decimal string on the safe side: how far the deciding quantity is from its limit.
@@ -68,16 +56,9 @@ class Claim:
     by: str | None = None
     witness: Witness | None = None
 
-    def document(self) -> dict[str, Any]:
-        return {
-            "id": self.id, "kind": self.kind, "required": self.required, "status": self.status,
-            "statement": self.statement, "source": self.source, "margin": self.margin, "method": self.method,
-            "by": self.by, "witness": self.witness.document() if self.witness else None,
-        }  # fmt: skip
-
 
 @dataclass(frozen=True)
-class Bound:
+class Bound(Noun):
     """A bracket: decimal strings rounded to the safe side, "inf" allowed, None where nothing is known.
 
     `better`: whether a larger or a smaller proved end says more. Of periods more is better, and a shortened
@@ -91,15 +72,9 @@ class Bound:
     about: str | None = None
     better: Better = "more"
 
-    def document(self) -> dict[str, Any]:
-        return {
-            "proved": self.proved, "refuted": self.refuted, "better": self.better, "unit": self.unit, "method": self.method,
-            "about": self.about,
-        }  # fmt: skip
-
 
 @dataclass(frozen=True)
-class Certificate:
+class Certificate(Noun):
     """What a search found and a proof can re-read: `data` holds matrices as rows of decimal strings, and
     plain numbers as decimal strings."""
 
@@ -107,17 +82,9 @@ class Certificate:
     sampling: SamplingLaw
     data: dict[str, Any]
 
-    def document(self) -> dict[str, Any]:
-        return {"method": self.method, "sampling": self.sampling.document(), "data": self.data}
-
-    @staticmethod
-    def from_document(document: dict[str, Any]) -> Certificate:
-        """Raises: KeyError, TypeError, ValueError on anything `document` did not write."""
-        return read_fields(Certificate, document)
-
 
 @dataclass(frozen=True)
-class Check:
+class Check(Artefact):
     """All claims and bounds of one spec with one design."""
 
     claims: tuple[Claim, ...]
@@ -136,17 +103,15 @@ class Check:
         return next((claim for claim in self.claims if claim.id == identifier), None)
 
     def document(self) -> dict[str, Any]:
-        return {
-            "schema_version": 1, "verdict": self.verdict, "claims": [claim.document() for claim in self.claims],
-            "bounds": {name: bound.document() for name, bound in self.bounds.items()}, "digests": self.digests,
-        }  # fmt: skip
+        """With the verdict that follows."""
+        return super().document() | {"verdict": self.verdict}
 
-    @staticmethod
-    def from_document(document: dict[str, Any]) -> Check:
+    @classmethod
+    def from_document(cls, document: dict[str, Any]) -> Self:
         """Raises: KeyError, TypeError, ValueError on anything `document` did not write."""
         stored = dict(document)
         verdict = stored.pop("verdict")
-        check = read_fields(Check, {key: value for key, value in stored.items() if key != "schema_version"})
+        check = super().from_document(stored)
         if verdict != check.verdict or not any(claim.required for claim in check.claims):
             raise ValueError("a verdict that does not follow from the claims")
         for bound in check.bounds.values():

@@ -5,16 +5,18 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from collections.abc import Callable
 from enum import StrEnum
+from inspect import Signature, signature
 from io import StringIO, TextIOWrapper
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
 from cdobs_cli import __version__
 from cdobs_cli.console import Console, LostStreamError, say
-from cdobs_cli.errors import INTERRUPTED, CdobsError, ExitCode
+from cdobs_cli.errors import INTERRUPTED, CdobsError, ExitCode, untold
 from cdobs_cli.printable import line, lines
 
 app = typer.Typer(
@@ -44,34 +46,64 @@ class Plain(StrEnum):
     json = "json"
 
 
-Paths = Annotated[list[Path], typer.Argument(metavar="PATH..", help="A spec, or a directory: every *.yaml and *.yml below it.")]
-Out = Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where results go, one folder a spec.")]
-Effort = Annotated[int, typer.Option(min=0, max=3, help="Refinement of searches and counterexamples.")]
-Force = Annotated[bool, typer.Option("--force", help="Redo what is current.")]
-Jobs = Annotated[int, typer.Option(min=1, max=256, metavar="N", help="Specs at a time.")]
-TimeLimit = Annotated[float | None, typer.Option(min=0, metavar="S", help="Seconds a spec; what is not finished is undecided.")]
-OutputFormat = Annotated[Format, typer.Option("--format", help="Format of stdout.")]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print findings only.")]
-Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say where an internal error happened.")]
-NoColor = Annotated[bool, typer.Option("--no-color", help="Plain text (also with NO_COLOR).")]
-RESULTS = Path("results")
-_INTERRUPTED = 130  # what typer makes of Ctrl-C
 STAGES = ("synthesize", "check", "simulate", "report")
+Stages = tuple[str, ...]
+_INTERRUPTED = 130  # what typer makes of Ctrl-C
 
 
-def _carry_out(
-    command: str, stages: tuple[str, ...], paths: list[Path], output: Format, quiet: bool, no_color: bool, **settings: object
+def _common(
+    paths: Annotated[
+        list[Path], typer.Argument(metavar="PATH..", help="A spec, or a directory: every *.yaml and *.yml below it.")
+    ],
+    out: Annotated[
+        Path, typer.Option("-o", "--out", metavar="DIR", help="Where results go, one folder a spec.")
+    ] = Path("results"),
+    effort: Annotated[int, typer.Option(min=0, max=3, help="Refinement of searches and counterexamples.")] = 1,
+    force: Annotated[bool, typer.Option("--force", help="Redo what is current.")] = False,
+    jobs: Annotated[int, typer.Option(min=1, max=256, metavar="N", help="Specs at a time.")] = 1,
+    time_limit: Annotated[
+        float | None, typer.Option(min=0, metavar="S", help="Seconds a spec; what is not finished is undecided.")
+    ] = None,
+    output: Annotated[Format, typer.Option("--format", help="Format of stdout.")] = Format.text,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print findings only.")] = False,
+    verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Say where an internal error happened.")] = False,
+    no_color: Annotated[bool, typer.Option("--no-color", help="Plain text (also with NO_COLOR).")] = False,
 ) -> None:
-    from cdobs_cli.batch import Settings, carry_out
+    """What the commands about specs take."""
 
-    console = Console(output.value, quiet=quiet, no_color=no_color, verbose=bool(settings["verbose"]))
-    raise typer.Exit(carry_out(command, paths, stages, Settings(**settings), console))  # type: ignore[arg-type]
+
+def _about_specs(
+    name: str, *, without: tuple[str, ...] = ()
+) -> Callable[[Callable[..., Stages]], Callable[..., Stages]]:
+    """A command that carries out the stages which its function names, on every spec of the paths; it takes the common
+    options and the function's own."""
+
+    def registered(stages_of: Callable[..., Stages]) -> Callable[..., Stages]:
+        own = signature(stages_of, eval_str=True).parameters
+        common = signature(_common, eval_str=True).parameters
+        every = [*(option for option in common.values() if option.name not in without), *own.values()]
+
+        def command(paths: list[Path], output: Format, quiet: bool, no_color: bool, **settings: Any) -> None:
+            from cdobs_cli.batch import Settings, carry_out
+
+            stages = stages_of(**{option: settings[option] for option in own})
+            console = Console(output.value, quiet=quiet, no_color=no_color, verbose=settings["verbose"])
+            raise typer.Exit(carry_out(name, paths, stages, Settings(**settings), console))
+
+        command.__doc__ = stages_of.__doc__
+        command.__annotations__ = {option.name: option.annotation for option in every}
+        command.__signature__ = Signature(every)  # type: ignore[attr-defined]
+        app.command(name)(command)
+        return stages_of
+
+    return registered
 
 
 @app.callback(invoke_without_command=False)
 def options(
     version: Annotated[
-        bool, typer.Option("--version", is_eager=True, help="Print the version.", callback=lambda value: _version(value))
+        bool,
+        typer.Option("--version", is_eager=True, help="Print the version.", callback=lambda value: _version(value)),
     ] = False,
 ) -> None:
     """Design and prove observers for continuous-time plants measured at discrete instants."""
@@ -85,8 +117,12 @@ def _version(value: bool) -> None:
 
 @app.command()
 def init(
-    family: Annotated[str, typer.Argument(metavar="FAMILY", help="reachability, lpv_zoh, updated_sampling or interval.")],
-    out: Annotated[Path | None, typer.Option("-o", "--out", metavar="FILE", help="Write here instead of stdout.")] = None,
+    family: Annotated[
+        str, typer.Argument(metavar="FAMILY", help="reachability, lpv_zoh, updated_sampling or interval.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="FILE", help="Write here instead of stdout.")
+    ] = None,
 ) -> None:
     """Print a commented spec of an observer family that runs as it is."""
     from cdobs_cli.scaffold import example, write_new
@@ -95,64 +131,44 @@ def init(
     say(text.removesuffix("\n")) if out is None else write_new(out, text)
 
 
-@app.command()
-def validate(
-    paths: Paths, out: Out = RESULTS, jobs: Jobs = 1, time_limit: TimeLimit = None, output: OutputFormat = Format.text,
-    quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
-) -> None:  # fmt: skip
+@_about_specs("validate", without=("effort", "force"))
+def validate() -> Stages:
     """Read and check specs; no linear algebra."""
-    _carry_out("validate", (), paths, output, quiet, no_color, out=out, verbose=verbose, jobs=jobs, time_limit=time_limit)
+    return ()
 
 
-@app.command()
-def synthesize(
-    paths: Paths, out: Out = RESULTS, effort: Effort = 1, force: Force = False, jobs: Jobs = 1, time_limit: TimeLimit = None,
-    output: OutputFormat = Format.text, quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
-) -> None:  # fmt: skip
+@_about_specs("synthesize")
+def synthesize() -> Stages:
     """Find the gain (or take the given one) and a certificate for each period wanted: design.json."""
-    more = {"out": out, "effort": effort, "force": force, "jobs": jobs, "time_limit": time_limit, "verbose": verbose}
-    _carry_out("synthesize", ("synthesize",), paths, output, quiet, no_color, **more)
+    return ("synthesize",)
 
 
-@app.command()
-def check(
-    paths: Paths, out: Out = RESULTS, effort: Effort = 1, force: Force = False, jobs: Jobs = 1, time_limit: TimeLimit = None,
-    output: OutputFormat = Format.text, quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
-) -> None:  # fmt: skip
+@_about_specs("check")
+def check() -> Stages:
     """Prove the stored certificates and the slopes, search counterexamples: check.json."""
-    more = {"out": out, "effort": effort, "force": force, "jobs": jobs, "time_limit": time_limit, "verbose": verbose}
-    _carry_out("check", ("check",), paths, output, quiet, no_color, **more)
+    return ("check",)
 
 
-@app.command()
+@_about_specs("simulate")
 def simulate(
-    paths: Paths, out: Out = RESULTS, effort: Effort = 1, force: Force = False, jobs: Jobs = 1, time_limit: TimeLimit = None,
-    output: OutputFormat = Format.text, quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
-    witness: Annotated[str | None, typer.Option(metavar="ID", help="Run the counterexample of this claim instead.")] = None,
-) -> None:  # fmt: skip
+    witness: Annotated[
+        str | None, typer.Option(metavar="ID", help="Run the counterexample of this claim instead.")
+    ] = None,
+) -> Stages:
     """Run plant and observer together: simulation.npz, simulation.json, figures."""
-    more = {"out": out, "effort": effort, "force": force, "jobs": jobs, "time_limit": time_limit, "verbose": verbose, "witness": witness}
-    _carry_out("simulate", ("replay",) if witness else ("simulate",), paths, output, quiet, no_color, **more)
+    return ("replay",) if witness else ("simulate",)
 
 
-@app.command()
-def report(
-    paths: Paths, out: Out = RESULTS, effort: Effort = 1, force: Force = False, jobs: Jobs = 1, time_limit: TimeLimit = None,
-    output: OutputFormat = Format.text, quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
-) -> None:  # fmt: skip
+@_about_specs("report")
+def report() -> Stages:
     """Write report.md and report.html from what is there."""
-    more = {"out": out, "effort": effort, "force": force, "jobs": jobs, "time_limit": time_limit, "verbose": verbose}
-    _carry_out("report", ("report",), paths, output, quiet, no_color, **more)
+    return ("report",)
 
 
-@app.command("run")
-def run_all(
-    paths: Paths, out: Out = RESULTS, effort: Effort = 1, force: Force = False, jobs: Jobs = 1, time_limit: TimeLimit = None,
-    output: OutputFormat = Format.text, quiet: Quiet = False, verbose: Verbose = False, no_color: NoColor = False,
-) -> None:  # fmt: skip
+@_about_specs("run")
+def run_all() -> Stages:
     """Carry out all stages in order."""
-    more = {"out": out, "effort": effort, "force": force, "jobs": jobs, "time_limit": time_limit, "verbose": verbose}
-    _carry_out("run", STAGES, paths, output, quiet, no_color, **more)
+    return STAGES
 
 
 @app.command()
@@ -260,11 +276,7 @@ def _unexpected(error: Exception) -> ExitCode:
         import traceback
 
         say(lines("".join(traceback.format_exception(error))), aside=True)
-    if isinstance(error, OSError):  # few descriptors, a full disk under what typer prints
-        text = f"the system refuses: {error.strerror or error}"
-    else:
-        text = f"internal error, {type(error).__name__}: {error}; please report it (-v prints where it happened)"
-    return _refused(f"cdobs: {text}", text, ExitCode.FAILED)
+    return _refused(f"cdobs: {untold(error)}", untold(error), ExitCode.FAILED)
 
 
 def _refused(told: str, text: str, code: ExitCode, *, document: bool = True) -> ExitCode:

@@ -1,4 +1,4 @@
-"""JSON documents read back as the nouns that wrote them: strictly, driven by the fields of their dataclasses.
+"""Nouns as JSON documents, and read back: strictly, driven by the fields of their dataclasses.
 
 A document that is read holds exactly the keys of its noun, each of the type that the noun declares: a text where
 a list is expected, `true` for 1, a missing or an unknown key is a ValueError, never a half-read noun.
@@ -12,13 +12,53 @@ from dataclasses import fields, is_dataclass
 from functools import cache
 from math import isfinite
 from types import UnionType
-from typing import Any, Literal, NoReturn, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, NoReturn, Self, TypeVar, Union, get_args, get_origin, get_type_hints
 
 T = TypeVar("T")
 MAX_DEPTH = 64
 LARGEST_INTEGER = 2**63
 # Of a field's metadata: its name in the document, where that differs; and whether it may be left out there.
 KEY, OPTIONAL = "key", "optional"
+
+
+class Noun:
+    """A dataclass that is a JSON object: one key a field (`KEY`: under that name; `OPTIONAL`: only where not empty)."""
+
+    def document(self) -> dict[str, Any]:
+        """The object: lists, objects, texts and numbers."""
+        document = {}
+        for field in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if value or not field.metadata.get(OPTIONAL):
+                document[field.metadata.get(KEY, field.name)] = _written(value)
+        return document
+
+    @classmethod
+    def from_document(cls, document: dict[str, Any]) -> Self:
+        """Raises: KeyError, TypeError, ValueError on anything `document` did not write."""
+        return read_fields(cls, document)
+
+
+class Artefact(Noun):
+    """A noun that is a file of its own."""
+
+    def document(self) -> dict[str, Any]:
+        """The object, with its schema version first."""
+        return {"schema_version": 1, **super().document()}
+
+    @classmethod
+    def from_document(cls, document: dict[str, Any]) -> Self:
+        """Raises: as `Noun`; the version is the store's to look at."""
+        return super().from_document({key: value for key, value in document.items() if key != "schema_version"})
+
+
+def _written(value: Any) -> Any:
+    for write in ("document", "texts"):  # of a noun, of a matrix
+        if hasattr(value, write):
+            return getattr(value, write)()
+    if isinstance(value, Mapping):
+        return {key: _written(inner) for key, inner in value.items()}
+    return [_written(inner) for inner in value] if isinstance(value, list | tuple) else value
 
 
 def parse(content: bytes) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -11,14 +12,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, TextIO
 
 from cdobs_cli.errors import ExitCode, ToolError
-from cdobs_cli.outcome import Result
+from cdobs_cli.outcome import EXIT_CODES, Result
 from cdobs_cli.printable import line, printable
 
 if TYPE_CHECKING:
     from rich.live import Live
 
-_COLOURS = {"proved": "32", "ok": "32", "refuted": "31", "failed": "31", "invalid": "31", "undecided": "33", "finding": "33"}
-
+_COLOURS = dict.fromkeys(("proved", "ok"), "32") | dict.fromkeys(("refuted", "failed", "invalid"), "31")
+_COLOURS |= dict.fromkeys(("undecided", "finding"), "33")
 _SEVERITIES = {"error": "31", "warning": "33", "note": "36"}
 _STYLES = {"ok": "green", "finding": "yellow", "invalid": "red", "failed": "red"}
 
@@ -157,7 +158,8 @@ class Follow:
     def rows(self) -> Iterator[tuple[str, str, str]]:
         """(status, spec, what is known), the latest to end last, then what is running."""
         for number, result in self._ended.items():
-            yield result.status, self.specs[number], result.headline or "; ".join(message.text for message in result.messages)
+            told = result.headline or "; ".join(message.text for message in result.messages)
+            yield result.status, self.specs[number], told
         for number in self._running:
             yield "running", self.specs[number], ""
 
@@ -173,8 +175,8 @@ def count(results: list[Result]) -> str:
 
 
 def _counts(results: list[Result]) -> str:
-    counts = {status: sum(result.status == status for result in results) for status in ("ok", "finding", "invalid", "failed")}
-    return ", ".join(f"{number} {status}" for status, number in counts.items() if number)
+    counts = Counter(result.status for result in results)
+    return ", ".join(f"{counts[status]} {status}" for status in EXIT_CODES if counts[status])
 
 
 def _is_terminal(stream: TextIO) -> bool:

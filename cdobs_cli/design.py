@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.codec import read_fields
+from cdobs_cli.codec import Artefact, Noun
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.plant import Box
 from cdobs_cli.sampling import SamplingLaw
@@ -17,7 +17,7 @@ Way = Literal["everywhere", "margin", "continuation", "cut", "open"]
 
 
 @dataclass(frozen=True)
-class SolverRecord:
+class SolverRecord(Noun):
     """Which solver was asked, and how it went. Nothing of this is ever evidence."""
 
     name: str
@@ -25,12 +25,9 @@ class SolverRecord:
     status: str
     iterations: int
 
-    def document(self) -> dict[str, Any]:
-        return {"name": self.name, "version": self.version, "status": self.status, "iterations": self.iterations}
-
 
 @dataclass(frozen=True)
-class Confinement:
+class Confinement(Noun):
     """How the estimate is kept where the slopes hold (`bounds.estimate` says what each way means).
 
     margin: by state, how far beyond the domain the estimate may go; start: the ends of each component of
@@ -59,14 +56,13 @@ class Confinement:
     @property
     def start_text(self) -> str:
         """`e_x(0) in [-1, 1], e_v(0) in [0, 0]`."""
-        return ", ".join(f"e_{name}(0) in [{low}, {high}]" for name, (low, high) in zip(self.margin, self.start, strict=True))
-
-    def document(self) -> dict[str, Any]:
-        return {"way": self.way, "margin": dict(self.margin), "start": [list(ends) for ends in self.start]}
+        return ", ".join(
+            f"e_{name}(0) in [{low}, {high}]" for name, (low, high) in zip(self.margin, self.start, strict=True)
+        )
 
 
 @dataclass(frozen=True)
-class Design:
+class Design(Artefact):
     """What `synthesize` made.
 
     gain: matrices by their paper letter (scalars are 1 x 1), exact decimals. slopes: bounds found for
@@ -85,18 +81,3 @@ class Design:
     details: Mapping[str, Any] = field(default_factory=dict)
     estimate: Confinement = Confinement()
     digests: Mapping[str, str] = field(default_factory=dict)
-
-    def document(self) -> dict[str, Any]:
-        return {
-            "schema_version": 1, "family": self.family, "outcome": self.outcome, "reason": self.reason,
-            "sampling": self.sampling.document(), "gain": {name: matrix.texts() for name, matrix in self.gain.items()},
-            "slopes": {name: list(ends) for name, ends in self.slopes.items()},
-            "certificates": [certificate.document() for certificate in self.certificates],
-            "estimate": self.estimate.document(), "details": dict(self.details), "solver": self.solver.document() if self.solver else None,
-            "digests": dict(self.digests),
-        }  # fmt: skip
-
-    @staticmethod
-    def from_document(document: dict[str, Any]) -> Design:
-        """Raises: KeyError, TypeError, ValueError on anything `document` did not write."""
-        return read_fields(Design, {key: value for key, value in document.items() if key != "schema_version"})

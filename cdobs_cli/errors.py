@@ -70,34 +70,50 @@ class Problem:
 
 
 class CdobsError(Exception):
-    """Base of every error whose message is meant for the user."""
+    """Base of every error whose message is meant for the user. `rule` is what findings call its kind."""
 
-    exit_code = ExitCode.FAILED
+    exit_code, rule = ExitCode.FAILED, "tool"
+
+
+def untold(error: Exception) -> str:
+    """What is said of an error that nobody meant for the user."""
+    if isinstance(error, OSError):  # few descriptors, a full disk
+        return f"the system refuses: {error.strerror or error}{f': {error.filename}' if error.filename else ''}"
+    return f"internal error, {type(error).__name__}: {error}; please report it (-v prints where it happened)"
 
 
 class SpecError(CdobsError):
     """A spec that cannot be used; carries every problem that was found."""
 
-    exit_code = ExitCode.INVALID
+    exit_code, rule = ExitCode.INVALID, "spec"
 
     def __init__(self, problems: tuple[Problem, ...]) -> None:
         self.problems = problems
         super().__init__("\n".join(str(problem) for problem in problems))
 
+    @staticmethod
+    def at(
+        field: tuple[str | int, ...],
+        what: str,
+        got: str | None = None,
+        allowed: str | None = None,
+        hint: str | None = None,
+    ) -> SpecError:
+        """The error of one mistake."""
+        return SpecError((Problem(field, what, got, allowed, hint),))
+
 
 class UsageError(CdobsError):
     """A command line that cannot be carried out."""
 
-    exit_code = ExitCode.INVALID
+    exit_code, rule = ExitCode.INVALID, "command"
 
 
 class ArtefactError(CdobsError):
     """A stored artefact that is missing, unreadable, or made from something else."""
 
-    exit_code = ExitCode.INVALID
+    exit_code, rule = ExitCode.INVALID, "artefact"
 
 
 class ToolError(CdobsError):
     """The tool failed: disk, solver crash, a bug."""
-
-    exit_code = ExitCode.FAILED

@@ -16,7 +16,15 @@ from collections.abc import Callable, Iterable, Mapping
 from fractions import Fraction
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BeforeValidator, GetCoreSchemaHandler, PlainSerializer, PlainValidator, ValidationInfo, WithJsonSchema
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    GetCoreSchemaHandler,
+    PlainSerializer,
+    PlainValidator,
+    ValidationInfo,
+    WithJsonSchema,
+)
 from pydantic_core import PydanticCustomError, core_schema
 
 from cdobs_cli.exact.expression import Call, Expression, ExpressionError, Number, Power, Variable
@@ -51,8 +59,8 @@ def bounded(expression: Expression) -> Expression:
             raise ExpressionError("an expression that is too large once its parameters are put in")
     closed: dict[Expression, bool] = {}
     for node in expression.walk():
-        constant = not isinstance(node, Variable) and (not isinstance(node, Call) or node.function in _CONSTANT_FUNCTIONS)
-        closed[node] = constant and all(closed[child] for child in node.children)
+        varies = isinstance(node, Variable) or (isinstance(node, Call) and node.function not in _CONSTANT_FUNCTIONS)
+        closed[node] = not varies and all(closed[child] for child in node.children)
         if isinstance(node, Number):
             _check_magnitude(node.value)
     outermost = {child for node in closed if not closed[node] for child in node.children if closed[child]}
@@ -73,7 +81,8 @@ def _check_magnitude(value: Fraction) -> None:
         raise ExpressionError("a number below 1e-100 that is not zero")
 
 
-def _context(info: ValidationInfo, key: str) -> Any:
+def context(info: ValidationInfo, key: str) -> Any:
+    """What the validation was given under a key; None where nothing was."""
     return (info.context or {}).get(key)
 
 
@@ -116,28 +125,24 @@ def read_exact(value: Any, parameters: Mapping[str, Expression] | None = None) -
 
 
 def _read_number(value: Any, info: ValidationInfo) -> Exact:
-    return read_exact(value, _context(info, "parameters"))
+    return read_exact(value, context(info, "parameters"))
 
 
-def _positive(value: Exact) -> Exact:
-    if value.sign() != 1:
-        raise wrong("a positive number is expected")
-    return value
+def _signed(what: str, *signs: int) -> AfterValidator:
+    def check(value: Exact) -> Exact:
+        if value.sign() not in signs:
+            raise wrong(f"{what} is expected")
+        return value
+
+    return AfterValidator(check)
 
 
-def _not_negative(value: Exact) -> Exact:
-    if value.sign() not in (0, 1):
-        raise wrong("a number that is not negative is expected")
-    return value
-
-
-_NUMBER_SCHEMA = WithJsonSchema(
-    {"anyOf": [{"type": "number"}, {"type": "string"}], "description": 'A number, or a constant expression in quotes: "sqrt(2)", "1/8".'}
-)
+_NUMBER_WORDS = 'A number, or a constant expression in quotes: "sqrt(2)", "1/8".'
+_NUMBER_SCHEMA = WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}], "description": _NUMBER_WORDS})
 ExactNumber = Annotated[Exact, PlainValidator(_read_number), PlainSerializer(str), _NUMBER_SCHEMA]
 """A real number, exact: a decimal, an integer, or a constant expression as text."""
-PositiveNumber = Annotated[ExactNumber, AfterValidator(_positive)]
-NonNegativeNumber = Annotated[ExactNumber, AfterValidator(_not_negative)]
+PositiveNumber = Annotated[ExactNumber, _signed("a positive number", 1)]
+NonNegativeNumber = Annotated[ExactNumber, _signed("a number that is not negative", 0, 1)]
 
 
 def sized(smallest: int, largest: int) -> BeforeValidator:
@@ -171,15 +176,12 @@ def _matrix(rows: tuple[tuple[Exact, ...], ...]) -> ExactMatrix:
     return ExactMatrix(rows)
 
 
-Rows = Annotated[
-    ExactMatrix,
-    Through(
-        Annotated[tuple[Vector, ...], sized(1, MAX_ROWS)],
-        _matrix,
-        lambda value: value.rows if isinstance(value, ExactMatrix) else value,
-    ),
-    PlainSerializer(lambda matrix: matrix.texts()),
-]
+def _rows(value: Any) -> Any:
+    return value.rows if isinstance(value, ExactMatrix) else value
+
+
+_Table = Annotated[tuple[Vector, ...], sized(1, MAX_ROWS)]
+Rows = Annotated[ExactMatrix, Through(_Table, _matrix, _rows), PlainSerializer(ExactMatrix.texts)]
 """A matrix of exact numbers: a list of rows of one length."""
 
 
@@ -202,12 +204,12 @@ def formula(*names: str, functions: Mapping[str, tuple[int, ...]] = TYPED_FUNCTI
         for name in names:
             if name not in ("states", "inputs", "coordinates"):
                 allowed.add(name)
-            elif (listed := _context(info, name)) is not None:
+            elif (listed := context(info, name)) is not None:
                 allowed.update(listed)
             else:
                 # Made in code, outside a spec: any name is taken.
                 allowed.update(set(_NAME.findall(text)) - {*functions, *CONSTANTS})
-        known = {name: value for name, value in (_context(info, "parameters") or {}).items() if name not in allowed}
+        known = {name: value for name, value in (context(info, "parameters") or {}).items() if name not in allowed}
         return read_expression(text, allowed, known, functions)
 
     return _Formula(read)
@@ -225,8 +227,3 @@ class _Formula:
 
 
 ExpressionInDelta = Annotated[Expression, formula("delta"), PlainSerializer(str)]
-
-__all__ = [
-    "MAX_ROWS", "ExactNumber", "ExpressionInDelta", "NonNegativeNumber", "PositiveNumber", "Rows", "Through", "Vector", "bounded",
-    "formula", "read_exact", "read_expression", "sized", "wrong",
-]  # fmt: skip

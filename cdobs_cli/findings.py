@@ -39,8 +39,8 @@ def _made(artefact: str, documents: Documents, stages: frozenset[str]) -> bool:
 
 def find(spec: Spec, documents: Documents, stages: frozenset[str]) -> list[Message]:
     """All findings of the stages that ran, each at its place in the spec, and what was left out."""
-    outcomes = decided(spec, documents, stages)
-    messages = [_message(spec, outcome.text, outcome.expectation.field, "expect") for outcome in outcomes if not outcome.holds]
+    failed = [outcome for outcome in decided(spec, documents, stages) if not outcome.holds]
+    messages = [_message(spec, outcome.text, outcome.expectation.field, "expect") for outcome in failed]
     named = {expectation.quantity.removeprefix("check.") for expectation in spec.expect}
     if "check" in stages and "verdict" not in named:
         messages += _unproved(spec, documents["check"])
@@ -71,7 +71,8 @@ def _unproved(spec: Spec, check: dict[str, Any] | None) -> Iterator[Message]:
     """One message for each required claim that is not proved, at the line that it is about."""
     for claim in (check or {"claims": ()})["claims"]:
         if claim["required"] and claim["status"] != "proved":
-            yield _message(spec, f"{claim['id']} {claim['status']}: {claim['statement']}", _place(spec, claim["id"]), claim["id"])
+            text = f"{claim['id']} {claim['status']}: {claim['statement']}"
+            yield _message(spec, text, _place(spec, claim["id"]), claim["id"])
 
 
 def _place(spec: Spec, claim: str) -> Field:
@@ -97,9 +98,10 @@ def _of_simulation(spec: Spec, simulation: dict[str, Any] | None, named: set[str
         return
     overall = simulation["overall"]
     margin, stopped = overall["inclusion_margin"], overall["stopped"]
+    left = "a state or its estimate leaves the domain where the slopes are claimed"
     told = {
         "diverged": (overall["diverged"], f"the error diverges: {stopped or 'it exceeds 1e6 (1 + |e(0)|)'}"),
-        "left_domain": (overall["left_domain"], "a state or its estimate leaves the domain where the slopes are claimed"),
+        "left_domain": (overall["left_domain"], left),
         "inclusion_margin": (margin is not None and margin < 0, f"the state leaves its bounds by {_size(margin)}"),
         "stopped": (stopped is not None and not overall["diverged"], f"the run stops early: {stopped}"),
     }

@@ -8,7 +8,8 @@ from itertools import product
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from cdobs_cli.exact.expression import Expression, Variable
-from cdobs_cli.plant import Plant, Slopes
+from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.plant import Entry, Plant, Quantity
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
@@ -24,13 +25,12 @@ M = TypeVar("M")
 class ErrorMaps(Generic[M]):
     """The matrices of an inclusion in one arithmetic (numpy arrays, or exact Matrix objects).
 
-    edot = (base + sum_k v_k left[k] right[k]) e with v_k in [lower[k], upper[k]];  e+ = jump e.
-    Shapes: base, jump (N, N); left[k] (N, 1); right[k] (1, N).
+    edot = (base + sum_k v_k parts[k]) e with v_k in [lower[k], upper[k]];  e+ = jump e.
+    Shapes: (N, N).
     """
 
     base: M
-    left: tuple[M, ...]
-    right: tuple[M, ...]
+    parts: tuple[M, ...]
     lower: tuple[Any, ...]
     upper: tuple[Any, ...]
     jump: M
@@ -38,12 +38,12 @@ class ErrorMaps(Generic[M]):
     def flow(self, v: tuple[Any, ...]) -> M:
         """The flow matrix at slope values v."""
         total: Any = self.base
-        for value, left, right in zip(v, self.left, self.right, strict=True):
-            total = total + (left @ right) * value  # type: ignore[operator]
+        for value, part in zip(v, self.parts, strict=True):
+            total = total + part * value
         return total  # type: ignore[no-any-return]
 
     def corners(self) -> Iterator[M]:
-        """Flow matrices at the 2^(number of uncertain entries) corners of the slope box."""
+        """Flow matrices at the 2^(number of quantities that vary) corners."""
         for v in product(*zip(self.lower, self.upper, strict=True)):
             yield self.flow(v)
 
@@ -54,7 +54,7 @@ class HybridInclusion:
 
     Flow between samples: edot in Co{corners} e; jump e+ = J e when the clock (time since the last sample)
     is in [T_min, T_max] of `sampling`. A family makes it (`Family.inclusion`); certificates, falsifiers and
-    tests read it. `entries` names the slope entry (i, j) behind each uncertain value.
+    tests read it. `quantities` are what varies, in the order of the values v.
 
     Args:
         assemble: called with a view of the plant and gain (numpy arrays, or exact Matrix objects) returns
@@ -65,7 +65,12 @@ class HybridInclusion:
     plant: Plant
     gain: Mapping[str, Any]
     sampling: SamplingLaw
-    entries: tuple[tuple[int, int], ...]
+    quantities: tuple[Quantity, ...]
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """The first slope entry (i, j) behind each value."""
+        return tuple(rho.entry for rho in self.quantities)
 
     @property
     def view_floats(self) -> PlantView[NDArray[np.float64]]:
@@ -89,83 +94,87 @@ class HybridInclusion:
 
 @dataclass(frozen=True)
 class PlantView(Generic[M]):
-    """A, C, the slope box and the gain in one arithmetic. A holds the constant slopes (those whose two
-    ends are equal) too."""
+    """A, C, the slope class and the gain in one arithmetic: slopes are sum_k v_k parts[k] with v_k in [lower[k], upper[k]],
+    and A holds what is constant of them too. Shapes: A, parts, identity (n, n); C (p, n)."""
 
     A: M
     C: M
     gain: Mapping[str, M]
+    parts: tuple[M, ...]
     lower: tuple[Any, ...]
     upper: tuple[Any, ...]
-    entries: tuple[tuple[int, int], ...]
-    unit: Callable[[int], M] = field(repr=False)
+    quantities: tuple[Quantity, ...]
+    identity: M
 
-    @property
-    def identity(self) -> M:
-        """I, shape (n, n)."""
-        columns: list[Any] = [self.unit(i) for i in range(self.A.shape[0])]  # type: ignore[attr-defined]
-        return sum((column @ column.T for column in columns[1:]), columns[0] @ columns[0].T)  # type: ignore[no-any-return]
+    def unit(self, i: int) -> M:
+        """Column i of the identity, shape (n, 1)."""
+        return self.identity[:, [i]]  # type: ignore[index, no-any-return]
 
     def flow(self, v: Iterable[Any]) -> M:
-        """A + V at slope values v, in the order of `entries`."""
+        """A + V at the values v of the quantities."""
         total: Any = self.A
-        for value, (i, j) in zip(v, self.entries, strict=True):
-            total = total + (self.unit(i) @ self.unit(j).T) * value  # type: ignore[attr-defined]
+        for value, part in zip(v, self.parts, strict=True):
+            total = total + part * value
         return total  # type: ignore[no-any-return]
 
     @property
     def vertices(self) -> list[M]:
-        """A + V at the 2^(number of uncertain entries) corners of the slope box."""
+        """A + V at the 2^(number of quantities that vary) corners."""
         return [self.flow(v) for v in product(*zip(self.lower, self.upper, strict=True))]
 
     @staticmethod
     def floats(plant: Plant, gain: Mapping[str, Any]) -> PlantView[NDArray[np.float64]]:
         import numpy as np
 
-        A = plant.A.floats + np.array(_constant_slopes(plant.slopes, lambda value: float(value)))
-        entries = plant.slopes.uncertain
-        identity = np.eye(plant.n)
+        quantities = plant.slopes.quantities
         return PlantView(
-            A=A,
+            A=plant.A.floats + np.array(_constant_slopes(plant, float)),
             C=np.array(plant.C.floats),
             gain={name: np.array(matrix.floats) for name, matrix in gain.items()},
-            lower=tuple(float(plant.slopes.lower[e]) for e in entries),
-            upper=tuple(float(plant.slopes.upper[e]) for e in entries),
-            entries=entries,
-            unit=lambda i: identity[:, [i]],
+            parts=tuple(np.array(_weights(plant.n, rho, float)) for rho in quantities),
+            lower=tuple(float(rho.lower) for rho in quantities),
+            upper=tuple(float(rho.upper) for rho in quantities),
+            quantities=quantities,
+            identity=np.eye(plant.n),
         )
 
     @staticmethod
     def balls(plant: Plant, gain: Mapping[str, Any]) -> PlantView[Matrix]:
         from cdobs_cli.exact.matrix import Matrix
 
-        entries = plant.slopes.uncertain
-        identity = Matrix.identity(plant.n)
+        quantities = plant.slopes.quantities
         return PlantView(
-            A=plant.A.balls() + Matrix.from_rows(_constant_slopes(plant.slopes, lambda value: value.scalar)),
+            A=plant.A.balls() + Matrix.from_rows(_constant_slopes(plant, _scalar)),
             C=plant.C.balls(),
             gain={name: matrix.balls() for name, matrix in gain.items()},
-            lower=tuple(plant.slopes.lower[e].scalar for e in entries),
-            upper=tuple(plant.slopes.upper[e].scalar for e in entries),
-            entries=entries,
-            unit=lambda i: identity[:, i],
+            parts=tuple(Matrix.from_rows(_weights(plant.n, rho, _scalar)) for rho in quantities),
+            lower=tuple(rho.lower.scalar for rho in quantities),
+            upper=tuple(rho.upper.scalar for rho in quantities),
+            quantities=quantities,
+            identity=Matrix.identity(plant.n),
         )
 
 
 def corrected_copy(view: PlantView[Any]) -> ErrorMaps[Any]:
-    """edot = (A + V) e with V in the slope box, e+ = (I - K C) e, for e = x_hat - x and a copy of the model corrected by
+    """edot = (A + V) e with V in the slope class, e+ = (I - K C) e, for e = x_hat - x and a copy of the model corrected by
     K (y - C x_hat) at samples.
 
     Source: Dinh2014, (8), (10); Andrieu2014, (10)
     """
-    left, right = tuple(view.unit(i) for i, _ in view.entries), tuple(view.unit(j).T for _, j in view.entries)
-    return ErrorMaps(view.A, left, right, view.lower, view.upper, view.identity - view.gain["K"] @ view.C)
+    return ErrorMaps(view.A, view.parts, view.lower, view.upper, view.identity - view.gain["K"] @ view.C)
 
 
-def _constant_slopes(slopes: Slopes, value: Callable[[Any], Any]) -> list[list[Any]]:
-    uncertain = set(slopes.uncertain)
-    n, m = slopes.lower.shape
-    return [[0 if (i, j) in uncertain else value(slopes.lower[i, j]) for j in range(m)] for i in range(n)]
+def _scalar(number: Exact) -> Any:
+    return number.scalar
+
+
+def _constant_slopes(plant: Plant, value: Callable[[Exact], Any]) -> list[list[Any]]:
+    return [[value(plant.slopes.constant((i, j))) for j in range(plant.n)] for i in range(plant.n)]
+
+
+def _weights(n: int, rho: Quantity, value: Callable[[Exact], Any]) -> list[list[Any]]:
+    weights = dict(rho.weights)
+    return [[value(weights[i, j]) if (i, j) in weights else 0 for j in range(n)] for i in range(n)]
 
 
 @dataclass(frozen=True)

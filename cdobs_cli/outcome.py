@@ -12,11 +12,8 @@ from cdobs_cli.errors import ExitCode, Problem
 ResultStatus = Literal["ok", "finding", "invalid", "failed"]
 Severity = Literal["error", "warning", "note"]
 EXIT_CODES: dict[ResultStatus, ExitCode] = {
-    "ok": ExitCode.HOLDS,
-    "finding": ExitCode.FINDING,
-    "invalid": ExitCode.INVALID,
-    "failed": ExitCode.FAILED,
-}
+    "ok": ExitCode.HOLDS, "finding": ExitCode.FINDING, "invalid": ExitCode.INVALID, "failed": ExitCode.FAILED,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -16,13 +16,12 @@ from cdobs_cli import __version__
 from cdobs_cli.certificate import Check, Claim
 from cdobs_cli.design import Design
 from cdobs_cli.errors import ArtefactError, CdobsError, UsageError
-from cdobs_cli.exact.numbers import Exact, upper_text
+from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.outcome import readable
-from cdobs_cli.plant import Box, Plant
 from cdobs_cli.store import CONTENT, Store, digest
+from cdobs_cli.synthesis import initial_errors, is_design_of, new_design, plant_of, system_of
 
 if TYPE_CHECKING:
-    from cdobs_cli.hybrid import HybridSystem
     from cdobs_cli.report.model import Report
     from cdobs_cli.run import Run
     from cdobs_cli.spec.model import Spec
@@ -30,8 +29,6 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 ARCHIVE = "archive"  # the entry of `digests` for the trajectories beside a summary
 STAGES = ("synthesize", "check", "simulate", "report")
-# Room for a transient that grows as the slopes over a wider domain do.
-_SPARE = 1.5
 
 
 @dataclass
@@ -60,135 +57,34 @@ class Work:
 
     @property
     def design_key(self) -> str:
-        start = self.initial_errors
+        start = initial_errors(self.spec)
         ends = None if start is None else [[str(value) for value in side] for side in (start.lower, start.upper)]
         return digest({"spec": self.key("plant", "measurement", "observer"), "start": ends, "effort": self.effort})
-
-    @property
-    def initial_errors(self) -> Box | None:
-        """The typed x_hat(0) - x(0), where the estimate may have to be shown to stay near the domain."""
-        spec = self.spec
-        if spec.simulation is None or not spec.plant.domain or getattr(spec.observer, "saturate", True) is True:
-            return None
-        return spec.simulation.initial_errors(spec.plant.n)
-
-    def plant(self, design: Design) -> Plant:
-        """The plant with the slopes that `synthesize` found where they are `auto`; as it is where it found none."""
-        return self.spec.plant.with_slopes(design.slopes) if design.slopes else self.spec.plant
 
 
 def synthesize(work: Work) -> Design:
     """The current design, or a new one, stored."""
     if work.design is None and "synthesize" not in work.forced:
         stored = work.store.design()
-        if stored is not None and _is_current(work, stored):
-            work.design = stored
+        work.design = stored if stored is not None and _is_current(work, stored) else None
     if work.design is None:
-        design = replace(_new_design(work), digests={"key": work.design_key})
+        design = replace(new_design(work.spec, work.effort), digests={"key": work.design_key})
         work.design = replace(design, digests=work.store.write("design.json", design.document())["digests"])
         work.redone.add("synthesize")
     return work.design
 
 
 def _is_current(work: Work, stored: Design) -> bool:
-    """Whether a stored design was made of this spec, holds what the spec gives, and is for the sampling law that
-    the spec asks for (under max_period: that law at the same period or a longer one)."""
-    if stored.family != work.spec.observer.name or not _comes_from(stored.digests, {"key": work.design_key}):
-        return False
-    if not _holds_what_is_given(work, stored) or not _makes_an_observer(work, stored):
-        return False
-    asked, law = work.spec.plant.sampling, stored.sampling
-    if law == asked:
-        return True
-    longer = (law.T_max - asked.T_max).sign() == 1 and law == asked.with_period(law.T_max)
-    return longer and getattr(work.spec.observer, "objective", None) == "max_period"
+    return _comes_from(stored.digests, {"key": work.design_key}) and is_design_of(work.spec, stored)
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
 
 
 def _comes_from(digests: Mapping[str, str], expected: Mapping[str, str]) -> bool:
     """Whether an artefact names what it was made of: all that is expected and, besides its own content, no more."""
     return {**digests, CONTENT: ""} == {**expected, CONTENT: ""}
-
-
-def _holds_what_is_given(work: Work, stored: Design) -> bool:
-    """Whether the gains, the feedback and the options that the spec types are those of the design, and the slopes
-    those that it leaves to be found."""
-    given, auto = work.spec.observer.given(), work.spec.plant.slopes.auto
-    if stored.outcome == "none":
-        return all(letter in given and given[letter] in (None, matrix) for letter, matrix in stored.gain.items())
-    typed = getattr(work.spec.observer, "gain", None) is not None
-    if (stored.outcome == "given") != typed or stored.slopes.keys() != {f"{i + 1}.{j + 1}" for i, j in auto}:
-        return False
-    if not _is_confined_as_typed(work, stored):
-        return False
-    return given.keys() == stored.gain.keys() and all(given[letter] in (None, matrix) for letter, matrix in stored.gain.items())
-
-
-def _is_confined_as_typed(work: Work, stored: Design) -> bool:
-    """Whether the estimate is kept where the slopes hold in a way that the family has and `saturate` leaves (that it
-    is kept is proved by `check`)."""
-    way, saturate = stored.estimate.way, getattr(work.spec.observer, "saturate", False)
-    if way == "cut":
-        return work.spec.observer.confine(work.spec.plant, replace(stored, certificates=()), None).way == "cut"
-    return not (way == "continuation" and saturate is False) and not (way == "margin" and saturate is True)
-
-
-def _makes_an_observer(work: Work, stored: Design) -> bool:
-    """Whether gains and details are of the shapes that the family's equations take."""
-    if stored.outcome == "none":
-        return True
-    try:
-        _system(work, stored)
-    except Exception:  # whatever a matrix of another shape, or a text that is no number, comes to
-        return False
-    return True
-
-
-def _new_design(work: Work) -> Design:
-    """A design with its slopes found and its estimate confined: of the regions that automatic slopes may be found
-    over the first that leaves the estimate room, else the design for the domain itself."""
-    plant = work.spec.plant
-    if not plant.slopes.auto:
-        return _design_for(work, plant)
-    saturate = getattr(work.spec.observer, "saturate", False)
-    # With affine limits the continuation needs slopes on the whole box: wherever the estimate goes, that one serves.
-    if plant.domain.where and saturate is not False and (design := _design_for(work, plant.on_box)).outcome != "none":
-        return design
-    design = _design_for(work, plant)
-    if design.outcome == "none" or design.estimate.way != "open":
-        return design
-    margin = {} if saturate is True else _margin_needed(work, design)
-    again = _design_for(work, plant.widened(margin)) if margin else design
-    return again if again.outcome != "none" and again.estimate.way != "open" else design
-
-
-def _design_for(work: Work, over: Plant) -> Design:
-    """A design, its automatic slopes found over the domain of `over`."""
-    plant, observer = work.spec.plant, work.spec.observer
-    found: dict[str, tuple[str, str]] = {}
-    if plant.slopes.auto:
-        from cdobs_cli.bounds.slopes import resolve, unbounded_claims
-
-        resolved, found = resolve(over)
-        if resolved.slopes.auto:
-            reason = "; ".join(claim.statement for claim in unbounded_claims(resolved))
-            return Design(observer.name, "none", plant.sampling, {}, reason=reason)
-        plant = plant.with_slopes(found)
-    design = replace(observer.synthesize(plant, work.effort), slopes=found)
-    if design.outcome == "none":
-        return design
-    return replace(design, estimate=observer.confine(plant, design, work.initial_errors))
-
-
-def _margin_needed(work: Work, design: Design) -> dict[str, Exact]:
-    """How far the estimate goes beyond the domain, with some room; empty where no level set shows it."""
-    start = work.initial_errors
-    transients = work.spec.observer.transients(work.plant(design), design) if start is not None else ()
-    if start is None or not transients:
-        return {}
-    bounds = min((transient(start) for transient in transients), key=lambda ends: max(float(end) for end in ends))
-    if not all(bound.is_finite() for bound in bounds):
-        return {}
-    return {name: Exact(upper_text(bound * _SPARE, 3)) for name, bound in zip(work.spec.plant.states, bounds, strict=True)}
 
 
 def check(work: Work) -> Check:
@@ -197,9 +93,9 @@ def check(work: Work) -> Check:
         design = synthesize(work)
         stored = None if "check" in work.forced else work.store.check()
         if stored is None or not _comes_from(stored.digests, _check_digests(work, design)):
-            made, design = _of_design(work, design, _certify)
-            made = replace(made, digests=_check_digests(work, design))
-            stored = replace(made, digests=work.store.write("check.json", made.document())["digests"])
+            proved, design = _of_design(work, design, _certify)
+            proved = replace(proved, digests=_check_digests(work, design))
+            stored = replace(proved, digests=work.store.write("check.json", proved.document())["digests"])
             work.redone.add("check")
         work.check = stored
     return work.check
@@ -231,21 +127,19 @@ def _certify(work: Work, design: Design) -> Check:
     from cdobs_cli.bounds.slopes import resolve, slope_claims, unbounded_claims
     from cdobs_cli.certify.conditions import proved_of_the_plant, with_conditions
 
-    family = work.spec.observer
-    if work.spec.plant.slopes.auto and not design.slopes:
+    spec, family, plant = work.spec, work.spec.observer, plant_of(work.spec, design)
+    if spec.plant.slopes.auto and not design.slopes:
         statement = f"The error converges: {design.reason or 'there is no design'}."
         convergence = Claim("convergence", "consequence", "undecided", statement, family.source, required=True)
-        return Check((convergence, *unbounded_claims(resolve(work.spec.plant)[0])))
-    plant = work.plant(design)
-    made = family.certify(plant, design, work.effort)
-    premises = slope_claims(plant)
+        return Check((convergence, *unbounded_claims(resolve(spec.plant)[0])))
+    proved, premises = family.certify(plant, design, work.effort), slope_claims(plant)
     if plant.domain and design.outcome != "none":
         premises += (confinement_claim(plant, design.estimate, family.transients(plant, design)),)
-    if work.spec.coordinates is not None:
-        premises = work.spec.coordinates.premises(premises)
-    domain = work.spec.typed.domain if work.spec.typed else plant.domain
-    claims = with_conditions((*premises, *made.claims), plant, design.estimate, domain, disturbed=family.disturbed)
-    judged = Check(claims, made.bounds)
+    if spec.coordinates is not None:
+        premises = spec.coordinates.premises(premises)
+    domain = spec.typed.domain if spec.typed else plant.domain
+    claims = with_conditions((*premises, *proved.claims), plant, design.estimate, domain, disturbed=family.disturbed)
+    judged = Check(claims, proved.bounds)
     return replace(judged, bounds=proved_of_the_plant(judged, design.sampling, design.estimate))
 
 
@@ -287,13 +181,13 @@ def _stored_simulation(work: Work, design: Design) -> dict[str, Any] | None:
     if not _comes_from(digests, _simulation_digests(work, design)):
         return None
     archive = work.store.read_bytes("simulation.npz")
-    if archive is None or hashlib.sha256(archive).hexdigest() != named:
+    if archive is None or _sha256(archive) != named:
         raise _damaged(work, "simulation.npz")
     from cdobs_cli.simulate.agreement import agrees
     from cdobs_cli.simulate.archive import from_bytes
 
     run = from_bytes(archive, document)
-    if not agrees(run, _system(work, design)):
+    if not agrees(run, system_of(work.spec, design)):
         raise _damaged(work, "simulation.json")
     work.run = run
     return document
@@ -308,14 +202,7 @@ def _new_run(work: Work, design: Design) -> Run:
     from cdobs_cli.simulate.engine import simulate as engine
 
     assert work.spec.simulation is not None
-    return engine(_system(work, design), work.spec.simulation, design.sampling)
-
-
-def _system(work: Work, design: Design) -> HybridSystem:
-    from cdobs_cli.hybrid import HybridSystem
-
-    plant = work.plant(design)
-    return HybridSystem(plant, work.spec.observer.observer_as_run(plant, design), design.estimate.way == "open")
+    return engine(system_of(work.spec, design), work.spec.simulation, design.sampling)
 
 
 def _write_run(work: Work, design: Design, run: Run) -> dict[str, Any]:
@@ -325,16 +212,17 @@ def _write_run(work: Work, design: Design, run: Run) -> dict[str, Any]:
     # The archive first: simulation.json, which names its digest, is what makes a run count as there.
     archive, spec = to_bytes(run), work.spec
     work.store.write_files({"simulation.npz": archive})
-    work.store.write_files(figures_of_run(work.plant(design), spec.observer, design, _stored_check(work, design), run, spec.coordinates))
-    run = replace(run, digests={**_simulation_digests(work, design), ARCHIVE: hashlib.sha256(archive).hexdigest()})
+    check_at_hand, plant = _stored_check(work, design), plant_of(spec, design)
+    work.store.write_files(figures_of_run(plant, spec.observer, design, check_at_hand, run, spec.coordinates))
+    run = replace(run, digests={**_simulation_digests(work, design), ARCHIVE: _sha256(archive)})
     work.redone.add("simulate")
     return work.store.write("simulation.json", run.document())
 
 
 def _stored_check(work: Work, design: Design) -> Check | None:
     """The check made or stored, where it is of this design."""
-    made = work.check or work.store.check()
-    return made if made is not None and _comes_from(made.digests, _check_digests(work, design)) else None
+    stored = work.check or work.store.check()
+    return stored if stored is not None and _comes_from(stored.digests, _check_digests(work, design)) else None
 
 
 def replay(work: Work, identifier: str) -> dict[str, Any]:
@@ -343,31 +231,32 @@ def replay(work: Work, identifier: str) -> dict[str, Any]:
     Raises:
         UsageError: there is no such claim, or it has no counterexample that can be run.
     """
-    made = check(work)
-    claim = made.claim(identifier)
+    proved = check(work)
+    claim = proved.claim(identifier)
     if claim is None or claim.witness is None:
-        told = ", ".join(one.id for one in made.claims if one.witness is not None) or "none"
+        told = ", ".join(one.id for one in proved.claims if one.witness is not None) or "none"
         raise UsageError(f"{work.spec.source_path}: no counterexample to {identifier!r}; claims that have one: {told}")
-    from cdobs_cli.hybrid import HybridSystem
-    from cdobs_cli.report.replays import crossing_chart, replay_chart, replay_figures
+    from cdobs_cli.report.files import figures
+    from cdobs_cli.report.replays import crossing_chart, replay_chart
     from cdobs_cli.report.witnesses import witness_name
+    from cdobs_cli.simulate.archive import packed
     from cdobs_cli.simulate.box import BoxReplay, replay_box
     from cdobs_cli.simulate.witness import Replay
     from cdobs_cli.simulate.witness import replay as run_witness
 
-    design = synthesize(work)
-    name, plant = f"{witness_name(claim)}_run", work.plant(design)
-    made_run: Replay | BoxReplay
+    design, observer = synthesize(work), work.spec.observer
+    name, plant = f"{witness_name(claim)}_run", plant_of(work.spec, design)
+    again: Replay | BoxReplay
     if claim.witness.kind == "box":
-        made_run = replay_box(HybridSystem(plant, work.spec.observer.observer(plant, design)), design.sampling, claim.witness)
-        chart = crossing_chart(name, identifier, plant.states, made_run.arrays())
+        again = replay_box(HybridSystem(plant, observer.observer(plant, design)), design.sampling, claim.witness)
+        chart = crossing_chart(name, identifier, plant.states, again.arrays())
     else:
-        made_run = run_witness(work.spec.observer.inclusion(plant, design.gain), claim.witness)
-        chart = replay_chart(name, identifier, made_run.arrays(), made_run.entries)
-    archive = made_run.to_bytes()
-    work.store.write_files({f"{name}.npz": archive, **replay_figures(chart)})
-    digests = {**_check_digests(work, design), "check": made.digests[CONTENT], ARCHIVE: hashlib.sha256(archive).hexdigest()}
-    document = {"schema_version": 1, "claim": identifier, **made_run.document(), "digests": digests}
+        again = run_witness(observer.inclusion(plant, design.gain), claim.witness)
+        chart = replay_chart(name, identifier, again.arrays(), again.entries)
+    archive = packed(again.arrays())
+    work.store.write_files({f"{name}.npz": archive, **figures([chart])})
+    digests = _check_digests(work, design) | {"check": proved.digests[CONTENT], ARCHIVE: _sha256(archive)}
+    document = {"schema_version": 1, "claim": identifier, **again.document(), "digests": digests}
     work.simulation = work.store.write(f"{name}.json", document)
     return work.simulation
 
@@ -394,10 +283,10 @@ def _report(work: Work) -> list[Path]:
     design = work.design or work.store.design()
     if design is None or not (design is work.design or _is_current(work, design)):
         raise _unusable(work, "design.json", "for this spec", is_whole=design is not None)
-    made = _stored_check(work, design)
-    if made is None:
+    stored = _stored_check(work, design)
+    if stored is None:
         raise _unusable(work, "check.json", "for this design", is_whole=work.store.check() is not None)
-    work.design, work.check = design, made
+    work.design, work.check = design, stored
     if work.simulation is None and work.spec.simulation is not None and design.outcome != "none":
         work.simulation = _stored_simulation(work, design)
     return _render(work)
@@ -413,26 +302,26 @@ def _unusable(work: Work, name: str, what_for: str, *, is_whole: bool) -> Artefa
 def report_model(work: Work, digests: Mapping[str, str]) -> Report:
     """What there is to say of the artefacts made or read so far (a design at least)."""
     from cdobs_cli.findings import at_hand
-    from cdobs_cli.report.model import build_report
+    from cdobs_cli.report.model import Report
 
     assert work.design is not None
-    told = [(str(outcome.expectation), outcome.holds, outcome.text) for outcome in at_hand(work.spec, documents(work))]
-    return build_report(
-        name=readable(work.store.folder.name), title=readable(work.spec.title), spec_path=readable(str(work.spec.source_path)),
-        plant=work.plant(work.design), family=work.spec.observer, design=work.design, check=work.check, run=work.run,
-        expectations=told, digests=digests, typed=work.spec.typed, coordinates=work.spec.coordinates,
+    told = [(str(one.expectation), one.holds, one.told) for one in at_hand(work.spec, documents(work))]
+    spec, design = work.spec, work.design
+    return Report(
+        readable(work.store.folder.name), readable(spec.title), readable(str(spec.source_path)), plant_of(spec, design),
+        spec.observer, design, work.check, work.run, spec.typed, spec.coordinates, tuple(told), digests,
     )  # fmt: skip
 
 
 def _render(work: Work) -> list[Path]:
     digests = {name: document["digests"][CONTENT] for name, document in documents(work).items() if document is not None}
     # What the page shows and is not in an artefact.
-    shown = {**digests, "spec": work.spec.normalised(), "title": work.spec.title, "path": str(work.spec.source_path), "cdobs": __version__}
+    spec, more = work.spec, {"spec": work.spec.normalised(), "title": work.spec.title, "cdobs": __version__}
     marker, pages = ".report.sha256", ("report.md", "report.html")
 
     def content() -> bytes:
-        found = {name: hashlib.sha256(work.store.read_bytes(name) or b"").hexdigest() for name in pages}
-        return f"{digest({**shown, 'pages': found})}\n".encode()
+        written = {name: _sha256(work.store.read_bytes(name) or b"") for name in pages}
+        return f"{digest({**digests, **more, 'path': str(spec.source_path), 'pages': written})}\n".encode()
 
     are_there = all((work.store.folder / name).is_file() for name in (marker, *pages))
     if "report" not in work.forced and are_there and work.store.read_bytes(marker) == content():

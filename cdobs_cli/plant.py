@@ -5,12 +5,12 @@ xdot = A x + phi(x, u) + B u + d,    y_k = C x(t_k) + v_k,    lower_ij <= d phi_
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Literal
 
-from cdobs_cli.exact.expression import Expression
+from cdobs_cli.exact.expression import ZERO, Expression, Variable, call
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
 from cdobs_cli.sampling import SamplingLaw
 
@@ -64,14 +64,57 @@ class Domain:
         return ", ".join((*parts, *(f"{w} >= 0" for w in self.where)))
 
 
+Entry = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """rho(x, u) in [lower, upper], on which entries of the Jacobian of phi depend: V_ij holds weight_ij rho.
+
+    name: `2.1` for an entry that moves by itself, `rho1`, `rho2`, .. for functions that several entries share.
+    function: rho where it is known; of an entry by itself its derivative is meant.
+    """
+
+    name: str
+    weights: tuple[tuple[Entry, Exact], ...]
+    lower: Exact
+    upper: Exact
+    function: Expression | None = None
+
+    @property
+    def entry(self) -> Entry:
+        """The first entry that it moves, from 0."""
+        return self.weights[0][0]
+
+    @property
+    def is_entry(self) -> bool:
+        """Whether it is an entry of the Jacobian itself."""
+        return self.function is None
+
+    def text(self, states: tuple[str, ...]) -> str:
+        """In a sentence: `d phi_y / d x`, or the function itself."""
+        i, j = self.entry
+        return f"d phi_{states[i]} / d {states[j]}" if self.function is None else str(self.function)
+
+    @staticmethod
+    def of_entry(entry: Entry, lower: Exact, upper: Exact) -> Quantity:
+        return Quantity(f"{entry[0] + 1}.{entry[1] + 1}", ((entry, Exact(1)),), lower, upper)
+
+
 @dataclass(frozen=True)
 class Slopes:
     """Claimed bounds of the Jacobian of phi, shapes (n, n); entries in `auto` are to be found and proved
-    (their lower and upper are 0 until then)."""
+    (their lower and upper are 0 until then).
+
+    joint: functions that several entries share, where they were found; those entries are `offset` plus what the
+    functions add, and lower, upper still bound each of them by itself.
+    """
 
     lower: ExactMatrix
     upper: ExactMatrix
-    auto: frozenset[tuple[int, int]] = frozenset()
+    auto: frozenset[Entry] = frozenset()
+    joint: tuple[Quantity, ...] = ()
+    offset: tuple[tuple[Entry, Exact], ...] = ()
 
     @property
     def entries(self) -> tuple[tuple[int, int], ...]:
@@ -88,6 +131,28 @@ class Slopes:
     def uncertain(self) -> tuple[tuple[int, int], ...]:
         """Entries whose two ends differ: the corners of the class are over these."""
         return tuple((i, j) for i, j in self.entries if (i, j) in self.auto or self.lower[i, j] != self.upper[i, j])
+
+    @property
+    def shared(self) -> frozenset[Entry]:
+        """Entries that are made of the joint functions."""
+        return frozenset((*(entry for entry, _ in self.offset), *(e for rho in self.joint for e, _ in rho.weights)))
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """What varies: the corners of the class are over these. Entries by themselves, row by row, then joint ones."""
+        alone = (entry for entry in self.uncertain if entry not in self.shared)
+        return (*(Quantity.of_entry(entry, self.lower[entry], self.upper[entry]) for entry in alone), *self.joint)
+
+    @property
+    def apart(self) -> Slopes:
+        """The class in which every entry moves by itself: it holds this one."""
+        return replace(self, joint=(), offset=())
+
+    def constant(self, entry: Entry) -> Exact:
+        """What an entry is without the quantities that vary."""
+        if entry in self.shared:
+            return dict(self.offset).get(entry, EXACT_ZERO)
+        return EXACT_ZERO if entry in self.uncertain else self.lower[entry]
 
 
 @dataclass(frozen=True)
@@ -129,7 +194,8 @@ class Plant:
     def is_feedforward(self) -> bool:
         """A and every slope upper triangular (Dinh2014, Assumption 2)."""
         n = self.n
-        return all(self.A[i, j].sign() == 0 for i in range(n) for j in range(i)) and all(j >= i for i, j in self.slopes.entries)
+        upper = all(self.A[i, j].sign() == 0 for i in range(n) for j in range(i))
+        return upper and all(j >= i for i, j in self.slopes.entries)
 
     def with_slopes(self, found: Mapping[str, tuple[str, str]]) -> Plant:
         """The plant with slopes declared `auto` replaced by bounds found: {"i.j": (lower, upper)}, from 1.
@@ -153,9 +219,8 @@ class Plant:
         box = {}
         for name, interval in self.domain.box.items():
             by = _exact(margin.get(name, 0))
-            lower = None if interval.lower is None else interval.lower - by
-            upper = None if interval.upper is None else interval.upper + by
-            box[name] = Interval(lower, upper)
+            lower, upper = interval.lower, interval.upper
+            box[name] = Interval(None if lower is None else lower - by, None if upper is None else upper + by)
         where = []
         for w in self.domain.where:
             room = EXACT_ZERO
@@ -172,8 +237,6 @@ class Plant:
 
     def clipped(self, prefix: str = "") -> dict[str, Expression]:
         """Each state, by its name, cut to the domain's box, over the names `prefix + state`."""
-        from cdobs_cli.exact.expression import Variable, call
-
         values: dict[str, Expression] = {}
         for name in self.states:
             interval = self.domain.box.get(name, Interval(None, None))
@@ -194,8 +257,6 @@ class Plant:
         sat(x_hat)_j - x_j = theta_j (x_hat_j - x_j) with theta_j in [0, 1], so column j of the error's slope is
         theta_j V_j + (1 - theta_j) G_j: it stays in the slope box, wherever the estimate goes.
         """
-        from cdobs_cli.exact.expression import Variable
-
         inside = self.clipped()
         half = Exact(Fraction(1, 2))
         phi = []
@@ -210,41 +271,31 @@ class Plant:
 
     def without_zero_slopes(self) -> Plant:
         """The plant with `auto` only where phi depends on the state: elsewhere the slope is the constant 0."""
-        from cdobs_cli.exact.expression import ZERO
-
         kept = frozenset((i, j) for i, j in self.slopes.auto if self.phi[i].derivative(self.states[j]) != ZERO)
         return replace(self, slopes=replace(self.slopes, auto=kept))
 
     def right_hand_side(self, prefix: str = "", *, disturbed: bool = False) -> tuple[Expression, ...]:
         """A x + phi(x, u) + B u (+ d) as expressions over the names `prefix + state`, the inputs, and
         `d.0`, `d.1`, .. when `disturbed`."""
-        from cdobs_cli.exact.expression import Variable
-
         x = {name: Variable(prefix + name) for name in self.states}
-        rows = []
-        for i in range(self.n):
-            total = self.phi[i].substitute(x) if prefix else self.phi[i]
-            for j, name in enumerate(self.states):
-                total = total + self.A[i, j].expression * x[name]
-            if self.B is not None:
-                for j, source in enumerate(self.inputs):
-                    total = total + self.B[i, j].expression * Variable(source.name)
-            if disturbed and self.disturbance is not None:
-                total = total + Variable(f"d.{i}")
-            rows.append(total)
+        rows = [row.substitute(x) if prefix else row for row in self.phi]
+        rows = [sum(weighted(self.A, i, x.values()), row) for i, row in enumerate(rows)]
+        if self.B is not None:
+            inputs = [Variable(source.name) for source in self.inputs]
+            rows = [sum(weighted(self.B, i, inputs), row) for i, row in enumerate(rows)]
+        if disturbed and self.disturbance is not None:
+            rows = [row + Variable(f"d.{i}") for i, row in enumerate(rows)]
         return tuple(rows)
 
     def outputs(self, prefix: str = "") -> tuple[Expression, ...]:
         """C x as expressions over the names `prefix + state`."""
-        from cdobs_cli.exact.expression import ZERO, Variable
+        x = [Variable(prefix + name) for name in self.states]
+        return tuple(sum(weighted(self.C, k, x), ZERO) for k in range(self.p))
 
-        rows = []
-        for k in range(self.p):
-            total: Expression = ZERO
-            for j, name in enumerate(self.states):
-                total = total + self.C[k, j].expression * Variable(prefix + name)
-            rows.append(total)
-        return tuple(rows)
+
+def weighted(matrix: ExactMatrix, i: int, factors: Iterable[Expression]) -> Iterator[Expression]:
+    """The terms of row i of a matrix times a vector of expressions."""
+    return (matrix[i, j].expression * factor for j, factor in enumerate(factors))
 
 
 def _exact(value: Fraction | Exact | int) -> Exact:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
+from cdobs_cli.codec import Noun
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact
 from cdobs_cli.plant import Box
@@ -66,7 +67,7 @@ class Trajectory:
 
 
 @dataclass(frozen=True)
-class RunSummary:
+class RunSummary(Noun):
     """The figures of one run, as in `simulation.json`."""
 
     measurements: int
@@ -78,13 +79,6 @@ class RunSummary:
     diverged: bool
     left_domain: bool
     stopped: str | None = None
-
-    def document(self) -> dict[str, Any]:
-        return {
-            "measurements": self.measurements, "period_min": self.period_min, "period_max": self.period_max,
-            "error_final": self.error_final, "rmse": dict(self.rmse), "inclusion_margin": self.inclusion_margin,
-            "diverged": self.diverged, "left_domain": self.left_domain, "stopped": self.stopped,
-        }  # fmt: skip
 
 
 @dataclass(frozen=True)

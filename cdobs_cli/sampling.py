@@ -75,7 +75,11 @@ class SamplingLaw:
         """For people, in a unit of time: `every 0.6 s`, `at intervals anywhere in [0, 5] s`."""
         if self.is_updated:
             return "at instants that the observer chooses"
-        return f"every {self.T_max} {unit}" if self.is_periodic else f"at intervals anywhere in [{self.T_min}, {self.T_max}] {unit}"
+        return (
+            f"every {self.T_max} {unit}"
+            if self.is_periodic
+            else f"at intervals anywhere in [{self.T_min}, {self.T_max}] {unit}"
+        )
 
     def document(self) -> dict[str, Any]:
         """As in a spec: {period}, {min_period, max_period} or {updated}."""

@@ -22,6 +22,7 @@ from cdobs_cli.certificate import Check
 from cdobs_cli.codec import parse
 from cdobs_cli.design import Design
 from cdobs_cli.errors import ToolError
+from cdobs_cli.regular import regular_bytes
 
 T = TypeVar("T")
 MAX_ARTEFACT_BYTES = 256 * 2**20
@@ -86,13 +87,10 @@ def read_regular(path: Path) -> bytes | None:
     if not is_there(path):
         return None
     try:
-        # Should a pipe take its place just now, O_NONBLOCK does not wait for a writer.
-        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
-        with os.fdopen(handle, "rb") as stream:
-            content = stream.read(MAX_ARTEFACT_BYTES + 1) if stat.S_ISREG(os.fstat(handle).st_mode) else None
+        content = regular_bytes(path, MAX_ARTEFACT_BYTES)
     except OSError:
         return None
-    return None if content is None or len(content) > MAX_ARTEFACT_BYTES else content
+    return content if len(content) <= MAX_ARTEFACT_BYTES else None
 
 
 def sweep(folder: Path) -> None:

@@ -35,7 +35,9 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def cdobs(tmp_path: Path) -> Cdobs:
     """Run the command in an empty folder, as its own process."""
 
-    def run(*arguments: object, env: dict[str, str] | None = None, timeout: float = 120) -> subprocess.CompletedProcess[str]:
+    def run(
+        *arguments: object, env: dict[str, str] | None = None, timeout: float = 120
+    ) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
             [sys.executable, "-m", "cdobs_cli", *map(str, arguments)],
             cwd=tmp_path,

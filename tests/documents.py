@@ -55,9 +55,12 @@ _LOCATION = _closed(
     {
         "physicalLocation": _closed(
             {
-                "artifactLocation": _closed({"uri": {"type": "string", "pattern": r"^[A-Za-z0-9\-._~:/?#@!$&'()*+,;=%]+$"}}),
+                "artifactLocation": _closed(
+                    {"uri": {"type": "string", "pattern": r"^[A-Za-z0-9\-._~:/?#@!$&'()*+,;=%]+$"}}
+                ),
                 "region": _closed(
-                    {"startLine": {"type": "integer", "minimum": 1}, "startColumn": {"type": "integer", "minimum": 1}}, ["startLine"]
+                    {"startLine": {"type": "integer", "minimum": 1}, "startColumn": {"type": "integer", "minimum": 1}},
+                    ["startLine"],
                 ),
             },
             ["artifactLocation"],

@@ -26,5 +26,7 @@ def make_plant(states, phi, lower=None, upper=None, box=None, where=(), inputs=N
         ExactMatrix([["1"] + ["0"] * (n - 1)]),
         Slopes(ExactMatrix(lower), ExactMatrix(upper), frozenset(auto)),
         SamplingLaw.periodic(Exact("0.1")),
-        Domain({name: interval(ends) for name, ends in (box or {}).items()}, tuple(parse(text, names) for text in where)),
+        Domain(
+            {name: interval(ends) for name, ends in (box or {}).items()}, tuple(parse(text, names) for text in where)
+        ),
     )

@@ -112,7 +112,9 @@ def changed(value: Any, draw: random.Random) -> Any:
         return draw.choice([value + 1, -value - 1, 0.5 * value + 0.1, 999, 10**30])
     if isinstance(value, str):
         words = [
-            word for word in ("proved", "refuted", "undecided", "found", "given", "none", "999", "-1", "inf", "", "\ud800") if word != value
+            word
+            for word in ("proved", "refuted", "undecided", "found", "given", "none", "999", "-1", "inf", "", "\ud800")
+            if word != value
         ]
         digits = [k for k, character in enumerate(value) if character.isdigit()]
         if digits and draw.random() < 0.7:
@@ -120,7 +122,9 @@ def changed(value: Any, draw: random.Random) -> Any:
             return value[:k] + str((int(value[k]) + draw.randint(1, 9)) % 10) + value[k + 1 :]
         return draw.choice(words)
     if isinstance(value, list):
-        return draw.choice([[], [*value, *value], value[:-1] if value else [None], value[::-1] if value != value[::-1] else [0]])
+        return draw.choice(
+            [[], [*value, *value], value[:-1] if value else [None], value[::-1] if value != value[::-1] else [0]]
+        )
     if isinstance(value, dict):
         return {} if value else {"a": 1}
     return draw.choice([0, "proved", [], {}])
@@ -208,7 +212,7 @@ def remade(patch: pytest.MonkeyPatch, whole: Clean) -> None:
 
         return verb
 
-    patch.setattr(pipeline, "_new_design", lambda work: whole.design)
+    patch.setattr(pipeline, "new_design", lambda *_: whole.design)
     patch.setattr(pipeline, "_certify", of_clean(whole.check))
     patch.setattr(pipeline, "_new_run", of_clean(whole.run))
 
@@ -257,10 +261,14 @@ def test_no_edit_is_believed(name: str, folder: Path, monkeypatch: pytest.Monkey
 
 def test_equal_runs_are_byte_equal(folder: Path) -> None:
     for name in ("interval_scalar_best", "reachability_chain3"):
-        again = pipeline.Work(spec(name), Store(folder / "again"), effort=0, forced=frozenset(("synthesize", "check", "simulate")))
+        again = pipeline.Work(
+            spec(name), Store(folder / "again"), effort=0, forced=frozenset(("synthesize", "check", "simulate"))
+        )
         for stage in STAGES:
             stage(again)
-        assert {artefact: (folder / "again" / artefact).read_bytes() for artefact in ARTEFACTS} == clean(name, folder).files
+        assert {artefact: (folder / "again" / artefact).read_bytes() for artefact in ARTEFACTS} == clean(
+            name, folder
+        ).files
 
 
 # ---------------------------------------------------------------- edits whose digest was made to fit
@@ -359,12 +367,16 @@ def test_every_family_says_what_the_spec_gives() -> None:
 
 def test_numbers_in_details_and_gain_bear_no_bound_by_themselves(folder: Path) -> None:
     whole = clean("updated_sampling_unstable_best", folder)
-    smaller = done(resealed(whole, folder / "edited", "design.json", put("details", "rate", "largest", value="0.001")))["check"]
+    smaller = done(resealed(whole, folder / "edited", "design.json", put("details", "rate", "largest", value="0.001")))[
+        "check"
+    ]
     assert smaller["verdict"] == "undecided"
     assert not smaller["bounds"]
     falling = done(resealed(whole, folder / "edited", "design.json", put("gain", "a2", value=[["-1"]])))["check"]
     assert falling["verdict"] != "proved"
-    assert not any(name.startswith("guaranteed_period") and name != "guaranteed_period.constant" for name in falling["bounds"])
+    assert not any(
+        name.startswith("guaranteed_period") and name != "guaranteed_period.constant" for name in falling["bounds"]
+    )
 
 
 HULL = """\

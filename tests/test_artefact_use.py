@@ -34,7 +34,9 @@ def test_an_edited_artefact_is_refused_by_report_and_made_anew_by_run(here: Path
     clean = bytes_of(here)
     path = here / "results" / "p" / name
     json_text = name.endswith("json")
-    path.write_bytes(clean[name].replace(b'"schema_version"', b'"x": 1, "schema_version"', 1) if json_text else clean[name][:-9])
+    path.write_bytes(
+        clean[name].replace(b'"schema_version"', b'"x": 1, "schema_version"', 1) if json_text else clean[name][:-9]
+    )
     refused = command(here, "report")
     assert refused.returncode == 2
     assert f"{name} was edited or damaged" in refused.stderr

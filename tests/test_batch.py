@@ -34,7 +34,16 @@ def touch(*paths: str) -> None:
 
 def test_a_directory_means_the_specs_below_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    touch("d/b.yaml", "d/a.yml", "d/deep/er/c.yaml", "d/x.plant.yaml", "d/x.plant.yml", "d/.hidden/h.yaml", "d/.h.yaml", "d/notes.txt")
+    touch(
+        "d/b.yaml",
+        "d/a.yml",
+        "d/deep/er/c.yaml",
+        "d/x.plant.yaml",
+        "d/x.plant.yml",
+        "d/.hidden/h.yaml",
+        "d/.h.yaml",
+        "d/notes.txt",
+    )
     touch("d/results/old/design.yaml", "elsewhere/far.yaml")
     os.symlink("../elsewhere", "d/link")
     os.symlink("..", "d/deep/loop")
@@ -42,7 +51,9 @@ def test_a_directory_means_the_specs_below_it(tmp_path: Path, monkeypatch: pytes
     assert found([Path("d")], Path("d/results")) == expected
     assert list(found([Path("d")], Path("d/results"))) == list(expected)
     # A link that is given itself is followed; a spec given twice is one job.
-    assert found([Path("d/link"), Path("elsewhere"), Path("d/link/far.yaml")], Path("r")) == {"d/link/far.yaml": "r/far"}
+    assert found([Path("d/link"), Path("elsewhere"), Path("d/link/far.yaml")], Path("r")) == {
+        "d/link/far.yaml": "r/far"
+    }
 
 
 def test_what_cannot_be_carried_out_costs_its_own_row_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -28,7 +28,12 @@ def loaded(tmp_path: Path, *arguments: str) -> set[str]:
         "main()\n"
     )
     done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=False
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
     )
     lines = [line for line in done.stderr.splitlines() if line.startswith("LOADED ")]
     assert lines, done.stderr
@@ -61,7 +66,15 @@ def test_a_good_spec_end_to_end(tmp_path: Path, pendulum: str, cdobs: Cdobs) -> 
     assert "proved" in done.stdout
     folder = tmp_path / "results" / "p"
     names = {path.name for path in folder.iterdir()}
-    assert {"design.json", "check.json", "simulation.json", "simulation.npz", "report.md", "report.html", "figures"} <= names
+    assert {
+        "design.json",
+        "check.json",
+        "simulation.json",
+        "simulation.npz",
+        "report.md",
+        "report.html",
+        "figures",
+    } <= names
     check = json.loads((folder / "check.json").read_text())
     assert check["verdict"] == "proved"
     assert float(check["bounds"]["period_max"]["proved"]) >= 0.6
@@ -77,7 +90,9 @@ def test_a_second_run_redoes_nothing(tmp_path: Path, pendulum: str, cdobs: Cdobs
     assert cdobs("run", "p.yaml").returncode == 0
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
     assert not loaded(tmp_path, "run", "p.yaml") & {"scipy", "cvxpy", "clarabel", "matplotlib", "sympy"}
-    (tmp_path / "p.yaml").write_text(pendulum.replace("horizon: 6", "horizon: 3") + "expect:\n  - {quantity: verdict, equals: proved}\n")
+    (tmp_path / "p.yaml").write_text(
+        pendulum.replace("horizon: 6", "horizon: 3") + "expect:\n  - {quantity: verdict, equals: proved}\n"
+    )
     assert cdobs("run", "p.yaml").returncode == 0
     after = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
     assert after[folder / "design.json"] == before[folder / "design.json"]
@@ -122,7 +137,14 @@ def test_a_mistake_is_told_with_its_place_and_nothing_is_lost(tmp_path: Path, pe
 
 @pytest.mark.parametrize(
     "arguments",
-    [("run",), ("frobnicate",), ("run", "missing.yaml"), ("run", "."), ("check", "p.yaml", "--effort", "9"), ("init", "reachabilty")],
+    [
+        ("run",),
+        ("frobnicate",),
+        ("run", "missing.yaml"),
+        ("run", "."),
+        ("check", "p.yaml", "--effort", "9"),
+        ("init", "reachabilty"),
+    ],
 )
 def test_wrong_command_lines(cdobs: Cdobs, arguments: tuple[str, ...]) -> None:
     done = cdobs(*arguments)
@@ -150,7 +172,10 @@ def test_one_bad_spec_does_not_stop_the_others(tmp_path: Path, pendulum: str, cd
     done = cdobs("check", "specs", "--jobs", "2", "--format", "json")
     assert done.returncode == 2
     document = json.loads(done.stdout)
-    assert [(Path(result["spec"]).name, result["status"]) for result in document["results"]] == [("b.yaml", "invalid"), ("a.yaml", "ok")]
+    assert [(Path(result["spec"]).name, result["status"]) for result in document["results"]] == [
+        ("b.yaml", "invalid"),
+        ("a.yaml", "ok"),
+    ]
     assert document["exit_code"] == 2
     assert (tmp_path / "results" / "deeper" / "a" / "check.json").exists()
 
@@ -196,7 +221,9 @@ def test_interrupt_leaves_nothing_half_written(tmp_path: Path, pendulum: str) ->
 
 
 def test_a_counterexample_is_replayed(tmp_path: Path, pendulum: str, cdobs: Cdobs) -> None:
-    (tmp_path / "p.yaml").write_text(pendulum.replace("  method: set\n", "  method: set\n  gain: {K: [[-1], [-1.8361]]}\n"))
+    (tmp_path / "p.yaml").write_text(
+        pendulum.replace("  method: set\n", "  method: set\n  gain: {K: [[-1], [-1.8361]]}\n")
+    )
     assert cdobs("check", "p.yaml").returncode == 1
     assert cdobs("simulate", "p.yaml", "--witness", "convergence").returncode == 0
     replay = json.loads((tmp_path / "results" / "p" / "witness_convergence_run.json").read_text())

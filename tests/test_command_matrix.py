@@ -22,14 +22,71 @@ from cdobs_cli.outcome import Job
 from cdobs_cli.store import sealed
 
 REFUTED = PENDULUM.replace("  method: set\n", "  method: set\n  gain: {K: [[-1], [-1.8361]]}\n")
-FINDING = REFUTED + "expect:\n- {quantity: design.outcome, equals: none}\n- {quantity: simulation.overall.error_final, at_most: 1e-9}\n"
+FINDING = (
+    REFUTED
+    + "expect:\n- {quantity: design.outcome, equals: none}\n- {quantity: simulation.overall.error_final, at_most: 1e-9}\n"
+)
 CODES = {
-    "validate": {"holds": 0, "finding": 0, "undecided": 0, "invalid": 2, "no spec": 2, "crash": 3, "unwritable": 0, "interrupt": 3},
-    "synthesize": {"holds": 0, "finding": 1, "undecided": 0, "invalid": 2, "no spec": 2, "crash": 3, "unwritable": 3, "interrupt": 3},
-    "check": {"holds": 0, "finding": 1, "undecided": 1, "invalid": 2, "no spec": 2, "crash": 3, "unwritable": 3, "interrupt": 3},
-    "simulate": {"holds": 0, "finding": 1, "undecided": 0, "invalid": 2, "no spec": 2, "crash": 3, "unwritable": 3, "interrupt": 3},
-    "report": {"holds": 0, "finding": 1, "undecided": 1, "invalid": 2, "no spec": 2, "crash": 3, "unwritable": 3, "interrupt": 3},
-    "run": {"holds": 0, "finding": 1, "undecided": 1, "invalid": 2, "no spec": 2, "crash": 3, "unwritable": 3, "interrupt": 3},
+    "validate": {
+        "holds": 0,
+        "finding": 0,
+        "undecided": 0,
+        "invalid": 2,
+        "no spec": 2,
+        "crash": 3,
+        "unwritable": 0,
+        "interrupt": 3,
+    },
+    "synthesize": {
+        "holds": 0,
+        "finding": 1,
+        "undecided": 0,
+        "invalid": 2,
+        "no spec": 2,
+        "crash": 3,
+        "unwritable": 3,
+        "interrupt": 3,
+    },
+    "check": {
+        "holds": 0,
+        "finding": 1,
+        "undecided": 1,
+        "invalid": 2,
+        "no spec": 2,
+        "crash": 3,
+        "unwritable": 3,
+        "interrupt": 3,
+    },
+    "simulate": {
+        "holds": 0,
+        "finding": 1,
+        "undecided": 0,
+        "invalid": 2,
+        "no spec": 2,
+        "crash": 3,
+        "unwritable": 3,
+        "interrupt": 3,
+    },
+    "report": {
+        "holds": 0,
+        "finding": 1,
+        "undecided": 1,
+        "invalid": 2,
+        "no spec": 2,
+        "crash": 3,
+        "unwritable": 3,
+        "interrupt": 3,
+    },
+    "run": {
+        "holds": 0,
+        "finding": 1,
+        "undecided": 1,
+        "invalid": 2,
+        "no spec": 2,
+        "crash": 3,
+        "unwritable": 3,
+        "interrupt": 3,
+    },
 }
 
 
@@ -86,7 +143,12 @@ def full_disk() -> None:
     patch.setattr("cdobs_cli.report.files.figures_of_run", lambda *given: {})
 
 
-BROKEN: dict[str, Callable[[], None]] = {"crash": crash, "killed": killed, "interrupt": interrupt, "unwritable": full_disk}
+BROKEN: dict[str, Callable[[], None]] = {
+    "crash": crash,
+    "killed": killed,
+    "interrupt": interrupt,
+    "unwritable": full_disk,
+}
 
 
 def carried_out(prepared: Path, folder: Path, command: str, condition: str, output: str) -> Done:
@@ -150,8 +212,12 @@ def test_junit_has_a_case_for_each_claim_and_expectation(prepared: Path, tmp_pat
 
 
 @pytest.mark.parametrize("output", ["json", "junit", "sarif", "github"])
-@pytest.mark.parametrize("arguments", [["run"], ["check", "p.yaml", "--effort", "9"], ["frobnicate"], ["run", "p.yaml", "--frobnicate"]])
-def test_a_wrong_command_line_is_told_in_the_format_asked_for(tmp_path: Path, arguments: list[str], output: str) -> None:
+@pytest.mark.parametrize(
+    "arguments", [["run"], ["check", "p.yaml", "--effort", "9"], ["frobnicate"], ["run", "p.yaml", "--frobnicate"]]
+)
+def test_a_wrong_command_line_is_told_in_the_format_asked_for(
+    tmp_path: Path, arguments: list[str], output: str
+) -> None:
     done = forked([*arguments, f"--format={output}"], tmp_path)
     assert done.returncode == 2
     documents.CHECKS[output](done.stdout, 2)
@@ -165,7 +231,10 @@ PLACES = {
         "    period:",
     ),
     "the slope entry": (PENDULUM.replace("[[0, 0], [1, 0]]", "\n  - [0, 0]\n  - [0.5, 0]"), "  - [0.5, 0]"),
-    "the entry of expect": (PENDULUM + "expect:\n- quantity: bounds.period_max.proved\n  at_least: 99\n", "- quantity:"),
+    "the entry of expect": (
+        PENDULUM + "expect:\n- quantity: bounds.period_max.proved\n  at_least: 99\n",
+        "- quantity:",
+    ),
 }
 
 
@@ -180,9 +249,13 @@ def test_annotations_point_at_the_line(tmp_path: Path, monkeypatch: pytest.Monke
     assert result.status == "finding", result.messages
     lines = content.splitlines()
     told = documents.github(render("github", "check", [result], result.exit_code), 1)
-    assert any(lines[int(properties["line"]) - 1].startswith(expected) for _, properties, _ in told if "line" in properties), told
+    assert any(
+        lines[int(properties["line"]) - 1].startswith(expected) for _, properties, _ in told if "line" in properties
+    ), told
     regions = [
         found["locations"][0]["physicalLocation"]["region"]
         for found in documents.sarif(render("sarif", "check", [result], result.exit_code), 1)["runs"][0]["results"]
     ]
-    assert [region["startLine"] for region in regions] == [int(properties["line"]) for _, properties, _ in told if "line" in properties]
+    assert [region["startLine"] for region in regions] == [
+        int(properties["line"]) for _, properties, _ in told if "line" in properties
+    ]

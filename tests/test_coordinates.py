@@ -15,12 +15,16 @@ from cdobs_cli.run import SimulationPlan
 from cdobs_cli.sampling import SamplingLaw
 
 
-def typed(states, f, h, coordinates=None, box=None, where=(), inputs=None, names=None, phi=None, disturbance=None, **printed):
+def typed(
+    states, f, h, coordinates=None, box=None, where=(), inputs=None, names=None, phi=None, disturbance=None, **printed
+):
     inputs = inputs or {}
     old, new = frozenset(states) | frozenset(inputs), frozenset(names or states) | frozenset(inputs)
     if isinstance(coordinates, tuple):
         there, back = coordinates
-        coordinates = CoordinateMap(names, tuple(parse(text, old) for text in there), tuple(parse(text, new) for text in back))
+        coordinates = CoordinateMap(
+            names, tuple(parse(text, old) for text in there), tuple(parse(text, new) for text in back)
+        )
     return TypedDynamics(
         tuple(states),
         tuple(Input(name, Interval(Exact(low), Exact(high))) for name, (low, high) in inputs.items()),
@@ -100,7 +104,8 @@ def test_the_image_of_the_domain_holds_the_image_of_every_state():
     assert plant.domain.where
     for w in plant.domain.where:
         values = [
-            float(w.ball({name: Exact(str(value)).ball() for name, value in zip(plant.states, row, strict=True)}).mid()) for row in z[:200]
+            float(w.ball({name: Exact(str(value)).ball() for name, value in zip(plant.states, row, strict=True)}).mid())
+            for row in z[:200]
         ]
         assert min(values) >= 0
     assert np.allclose(coordinates.original_values(z), x[x.sum(axis=1) <= 0.1])
@@ -113,7 +118,9 @@ def test_the_flow_in_new_coordinates_is_the_typed_flow():
     f = np.array([contois * x[0] - D * x[0], -contois * x[0] - D * (x[1] - 0.1)])
     slope = (coordinates.new_values(x + h * f) - coordinates.new_values(x - h * f)) / (2 * h)
     z = coordinates.new_values(x)
-    env = {name: Exact(repr(float(value))).ball() for name, value in zip(plant.states, z, strict=True)} | {"D": Exact("0.2").ball()}
+    env = {name: Exact(repr(float(value))).ball() for name, value in zip(plant.states, z, strict=True)} | {
+        "D": Exact("0.2").ball()
+    }
     assert np.allclose([float(row.ball(env).mid()) for row in plant.right_hand_side()], slope, atol=1e-8)
 
 
@@ -131,7 +138,9 @@ def test_a_flexible_joint_is_a_chain_of_integrators():
 
 def test_simulations_typed_in_the_states_move_to_the_coordinates():
     _, coordinates = derive(bioreactor())
-    plan = SimulationPlan(Exact("1"), (Exact("0.05"), Exact("0.03")), Box((Exact("0.04"), Exact("0.02")), (Exact("0.05"), Exact("0.03"))))
+    plan = SimulationPlan(
+        Exact("1"), (Exact("0.05"), Exact("0.03")), Box((Exact("0.04"), Exact("0.02")), (Exact("0.05"), Exact("0.03")))
+    )
     moved = coordinates.plan(plan)
     assert [value.rational for value in moved.initial_state] == [Exact("1/20").rational, Exact("3/160").rational]
     for low, value, high in zip(moved.initial_box.lower, moved.initial_state, moved.initial_box.upper, strict=True):
@@ -141,7 +150,14 @@ def test_simulations_typed_in_the_states_move_to_the_coordinates():
 def test_disturbances_are_pushed_through_the_map():
     d = Box((Exact("-1"), Exact("-1")), (Exact("1"), Exact("1")))
     plant, _ = derive(
-        typed(["a", "b"], ["b", "-a"], ["a + b"], (["a + b", "a - b"], ["(x1 + x2)/2", "(x1 - x2)/2"]), names=("x1", "x2"), disturbance=d)
+        typed(
+            ["a", "b"],
+            ["b", "-a"],
+            ["a + b"],
+            (["a + b", "a - b"], ["(x1 + x2)/2", "(x1 - x2)/2"]),
+            names=("x1", "x2"),
+            disturbance=d,
+        )
     )
     assert [float(end) for end in plant.disturbance.upper] == [2, 2]
     assert plant.A.texts() == [["0", "-1"], ["1", "0"]]
@@ -168,8 +184,14 @@ def test_splitting_keeps_what_is_undefined_in_phi():
         (typed(["x", "v"], ["v", "-x"], ["sin(x)"], "lie", names=("x1", "x2")), "plant.coordinates"),
         (typed(["x", "v"], ["v", "-x"], ["0*x"], "lie", names=("x1", "x2")), "plant.coordinates"),
         (typed(["x", "v"], ["v", "-x"], ["x", "v"], "lie", names=("x1", "x2")), "plant.coordinates"),
-        (typed(["x", "v"], ["v", "-x + 1/u"], ["x"], "lie", inputs={"u": ("1", "2")}, names=("x1", "x2")), "plant.coordinates"),
-        (typed(["x", "v"], ["v", "-sin(x)"], ["x"], phi=["0", "sin(x)"], A=ExactMatrix([["0", "1"], ["0", "0"]])), "plant.phi[1]"),
+        (
+            typed(["x", "v"], ["v", "-x + 1/u"], ["x"], "lie", inputs={"u": ("1", "2")}, names=("x1", "x2")),
+            "plant.coordinates",
+        ),
+        (
+            typed(["x", "v"], ["v", "-sin(x)"], ["x"], phi=["0", "sin(x)"], A=ExactMatrix([["0", "1"], ["0", "0"]])),
+            "plant.phi[1]",
+        ),
     ],
 )
 def test_what_cannot_be_transformed_is_said_at_its_field(plant, field):

@@ -71,7 +71,9 @@ def test_a_remark_is_no_finding_in_any_format(folder: Path, output: str) -> None
 
 def test_without_an_entry_about_it_the_verdict_is_expected_to_be_proved(tmp_path: Path) -> None:
     """The printed gain fails at a period ten times as long; an entry about something else does not excuse it."""
-    spec = PENDULUM.replace("period: 0.6", "period: 6").replace("  method: set", "  method: set\n  gain: {K: [[1], [1.8361]]}")
+    spec = PENDULUM.replace("period: 0.6", "period: 6").replace(
+        "  method: set", "  method: set\n  gain: {K: [[1], [1.8361]]}"
+    )
     (tmp_path / "p.yaml").write_text(spec + "expect: [{quantity: design.outcome, equals: given}]\n")
     assert forked(["check", "p.yaml", "--effort", "0"], tmp_path).returncode == 1
     (tmp_path / "p.yaml").write_text(spec + "expect: [{quantity: verdict, equals: refuted}]\n")

@@ -25,14 +25,23 @@ def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def contracts(folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [LINT, "--no-cache"], cwd=folder, env=os.environ | {"PYTHONPATH": str(folder)}, capture_output=True, text=True, check=False
+        [LINT, "--no-cache"],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(folder)},
+        capture_output=True,
+        text=True,
+        check=False,
     )
 
 
 @pytest.mark.parametrize(
     ("module", "planted", "contract"),
     [
-        ("families/interval/observer.py", "import cdobs_cli.families.lpv_zoh.theorems", "Families never import one another"),
+        (
+            "families/interval/observer.py",
+            "import cdobs_cli.families.lpv_zoh.theorems",
+            "Families never import one another",
+        ),
         ("certify/definite.py", "import cdobs_cli.bounds.region", "Imports run one way"),
         ("bounds/region.py", "import cdobs_cli.certify.definite", "Imports run one way"),
         ("exact/numbers.py", "import cdobs_cli.plant", "Imports run one way"),

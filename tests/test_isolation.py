@@ -62,7 +62,9 @@ def test_what_was_known_when_the_time_ran_out_is_told() -> None:
     late = results["half"]
     assert (late.status, late.check, late.summary) == ("finding", {"verdict": "proved"}, ("proved",))
     (message,) = late.messages
-    assert message.text == ("undecided: simulate not finished within 1 s (--time-limit); what was proved and stored by then stands")
+    assert message.text == (
+        "undecided: simulate not finished within 1 s (--time-limit); what was proved and stored by then stands"
+    )
     assert results["half done"] == Result("half done", "ok")  # what goes on in time is told once, at its end
     assert results["hang"].messages[0].text == "undecided: not finished within 1 s (--time-limit)"
 

@@ -23,9 +23,14 @@ from cdobs_cli.outcome import Job
 from cdobs_cli.printable import line, lines, page, printable
 
 PLANT = "\x1b]0;owned\x07\n::error::planted\r\x9b31m\u202e\u2028\x7f##[error]x\n##vso[task]\u200b"
-OBEYED = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200b\u200e\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff]")
+OBEYED = re.compile(
+    "[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200b\u200e\u200f\u2028-\u202e\u2060-\u206f\ufeff\ud800-\udfff]"
+)
 COMMANDS = re.compile(r"^\s*::(?!(error|warning|notice) )|^\s*::(error|warning|notice)::|##[\[A-Za-z]", re.MULTILINE)
-SPEC = PENDULUM + "expect: [{quantity: verdict, equals: refuted, source: somewhere}, {quantity: claims.x.y, equals: word}]\n"
+SPEC = (
+    PENDULUM
+    + "expect: [{quantity: verdict, equals: refuted, source: somewhere}, {quantity: claims.x.y, equals: word}]\n"
+)
 
 
 def harmless(text: str) -> bool:
@@ -103,7 +108,9 @@ def told(command: str, result: Any, capsys: pytest.CaptureFixture[str]) -> Itera
 
 
 @pytest.mark.parametrize(("path", "key"), EVERYWHERE, ids=str)
-def test_every_place_of_a_spec(tmp_path: Path, capsys: pytest.CaptureFixture[str], path: tuple[Any, ...], key: bool) -> None:
+def test_every_place_of_a_spec(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], path: tuple[Any, ...], key: bool
+) -> None:
     spec = tmp_path / "p.yaml"
     spec.write_text(planted(path, key), encoding="utf-8")
     result = run(Job(spec, tmp_path / "p"), (), Settings())
@@ -137,7 +144,8 @@ def test_what_is_accepted_reaches_reports_as_text(tmp_path: Path, capsys: pytest
 
 
 @pytest.mark.parametrize(
-    "name", ["\x1b[31m.yaml", "::error::x.yaml", "a\n::error::b.yaml", os.fsdecode(b"bytes \xff\xfe.yaml"), "\u202e.yaml"]
+    "name",
+    ["\x1b[31m.yaml", "::error::x.yaml", "a\n::error::b.yaml", os.fsdecode(b"bytes \xff\xfe.yaml"), "\u202e.yaml"],
 )
 def test_names_of_files(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_text(PENDULUM.replace("period: 0.6", "period: 0.6\n  unknown: 1"))
@@ -153,7 +161,8 @@ def test_names_of_files(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", [["\x1b[31m"], ["validate", "--\x1b[31m"], ["init", "\x1b[31m"], ["validate", "p", "--jobs", "\x1b\n::error::x"]]
+    "arguments",
+    [["\x1b[31m"], ["validate", "--\x1b[31m"], ["init", "\x1b[31m"], ["validate", "p", "--jobs", "\x1b\n::error::x"]],
 )
 def test_command_lines(tmp_path: Path, arguments: list[str]) -> None:
     done = forked(arguments, tmp_path)

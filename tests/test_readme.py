@@ -40,7 +40,9 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
         assert run(Job(Path("specs/good.yaml"), Path("results/good")), STAGES, Settings()).status == "ok"
     (folder / "bin").mkdir()
     command = folder / "bin" / "cdobs"
-    command.write_text(f'#!/bin/sh\nPYTHONPATH={shlex.quote(str(ROOT))} exec {shlex.quote(sys.executable)} -m cdobs_cli "$@"\n')
+    command.write_text(
+        f'#!/bin/sh\nPYTHONPATH={shlex.quote(str(ROOT))} exec {shlex.quote(sys.executable)} -m cdobs_cli "$@"\n'
+    )
     command.chmod(0o755)
     return folder
 
@@ -53,7 +55,9 @@ def project(finished: Path, tmp_path: Path) -> Path:
 
 def shell(line: str, folder: Path) -> subprocess.CompletedProcess[str]:
     env = os.environ | {"PATH": f"{folder / 'bin'}{os.pathsep}{os.environ['PATH']}"}
-    return subprocess.run(line, shell=True, cwd=folder, env=env, capture_output=True, text=True, timeout=120, check=False)
+    return subprocess.run(
+        line, shell=True, cwd=folder, env=env, capture_output=True, text=True, timeout=120, check=False
+    )
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="there is no make")

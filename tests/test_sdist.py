@@ -30,7 +30,9 @@ def test_the_source_distribution_holds_all_that_is_in_the_repository(source: Pat
     assert done.returncode == 0, done.stderr
     (archive,) = (source / "dist").iterdir()
     with tarfile.open(archive) as packed:
-        names = {PurePosixPath(*PurePosixPath(member.name).parts[1:]).as_posix() for member in packed if member.isfile()}
+        names = {
+            PurePosixPath(*PurePosixPath(member.name).parts[1:]).as_posix() for member in packed if member.isfile()
+        }
     made = {"PKG-INFO", "setup.cfg", *(name for name in names if name.startswith("cdobs.egg-info/"))}
     assert names - made == before - made - {".gitignore"}
     assert {"LICENSE", "tests/conftest.py", "specs/reachability_pendulum.yaml", "cdobs_cli/references.bib"} <= names

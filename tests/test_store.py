@@ -40,7 +40,8 @@ def test_an_unwritable_place_is_a_tool_error(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "content", ["", "[]", "{", '{"schema_version": 2}', '{"schema_version": 1}', '{"schema_version": 1, "claims": 3}', "\x00"]
+    "content",
+    ["", "[]", "{", '{"schema_version": 2}', '{"schema_version": 1}', '{"schema_version": 1, "claims": 3}', "\x00"],
 )
 def test_what_is_not_an_artefact_is_not_read(tmp_path: Path, content: str) -> None:
     for name in ("design.json", "check.json"):
@@ -138,7 +139,10 @@ def test_what_killed_runs_left_is_swept_and_nothing_else(tmp_path: Path) -> None
     ended.wait()
     dead, old = left(tmp_path, ended.pid), left(tmp_path, os.getpid(), age=120.0)
     now = left(tmp_path, os.getpid(), name="check.json")
-    others = [tmp_path / name for name in (".design.json.abcd1234", f".notes.{ended.pid}.tmp", ".report.sha256", "design.json")]
+    others = [
+        tmp_path / name
+        for name in (".design.json.abcd1234", f".notes.{ended.pid}.tmp", ".report.sha256", "design.json")
+    ]
     for path in others:
         path.write_text("")
     figures = tmp_path / "figures"
@@ -160,7 +164,10 @@ def _write_and_sweep(path: Path) -> None:
 
 
 def test_runs_side_by_side_do_not_sweep_each_other(tmp_path: Path) -> None:
-    workers = [multiprocessing.get_context("fork").Process(target=_write_and_sweep, args=(tmp_path / "design.json",)) for _ in range(3)]
+    workers = [
+        multiprocessing.get_context("fork").Process(target=_write_and_sweep, args=(tmp_path / "design.json",))
+        for _ in range(3)
+    ]
     for worker in workers:
         worker.start()
     for worker in workers:
@@ -175,7 +182,10 @@ def test_a_killed_write_is_swept_by_the_next_run(tmp_path: Path) -> None:
         "os.replace = lambda *_: os.kill(os.getpid(), signal.SIGKILL); write_atomically(Path('design.json'), b'half')"
     )
     subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(Path(__file__).parent.parent)}, check=False
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(Path(__file__).parent.parent)},
+        check=False,
     )
     assert len(list(tmp_path.iterdir())) == 1
     Store(tmp_path).open()

@@ -29,7 +29,8 @@ def shell(folder: Path, line: str) -> tuple[int, str, str]:
 
 @FULL
 @pytest.mark.parametrize(
-    "command", ["check p.yaml --format json", "check p.yaml", "theorems", "schema", "init interval", "--help", "--version"]
+    "command",
+    ["check p.yaml --format json", "check p.yaml", "theorems", "schema", "init interval", "--help", "--version"],
 )
 def test_a_full_disk_under_stdout(finished: Path, command: str) -> None:
     code, _, told = shell(finished, f"cdobs {command} > /dev/full")

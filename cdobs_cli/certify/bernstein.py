@@ -19,7 +19,8 @@ def elevation(d: int, D: int) -> Rows:
     for degree in range(d, D):
         step = tuple(
             tuple(
-                Fraction(i, degree + 1) if j == i - 1 else 1 - Fraction(i, degree + 1) if j == i else Fraction(0) for j in range(degree + 1)
+                Fraction(i, degree + 1) if j == i - 1 else 1 - Fraction(i, degree + 1) if j == i else Fraction(0)
+                for j in range(degree + 1)
             )
             for i in range(degree + 2)
         )
@@ -40,4 +41,6 @@ def _identity(size: int) -> Rows:
 
 def _product(left: Rows, right: Rows) -> Rows:
     columns = tuple(zip(*right, strict=True))
-    return tuple(tuple(sum((x * y for x, y in zip(row, column, strict=True)), Fraction(0)) for column in columns) for row in left)
+    return tuple(
+        tuple(sum((x * y for x, y in zip(row, column, strict=True)), Fraction(0)) for column in columns) for row in left
+    )

@@ -17,7 +17,9 @@ _GROWTH = (1.3, 1.15, 1.07, 1.03)  # by effort: the step of the scan for a first
 _WIDTH = 4e-6  # relative width down to which the first refutation is pressed
 
 
-def smallest_refuted(at: Callable[[Exact], HybridInclusion], proved: Exact | None, effort: int) -> tuple[Exact, Witness] | None:
+def smallest_refuted(
+    at: Callable[[Exact], HybridInclusion], proved: Exact | None, effort: int
+) -> tuple[Exact, Witness] | None:
     """The smallest period found above `proved` with a proved refutation, and its witness.
 
     Args:
@@ -33,7 +35,7 @@ def _fast_time(at: Callable[[Exact], HybridInclusion]) -> float:
     """A thousandth of the fastest time constant of the flow at the corners."""
     maps = at(Exact(1)).floats
     spread = np.abs(maps.base)
-    for left, right, low, high in zip(maps.left, maps.right, maps.lower, maps.upper, strict=True):
-        spread = spread + np.abs(left @ right) * max(abs(low), abs(high))
+    for part, low, high in zip(maps.parts, maps.lower, maps.upper, strict=True):
+        spread = spread + np.abs(part) * max(abs(low), abs(high))
     size = float(np.linalg.norm(spread, 2)) if np.all(np.isfinite(spread)) else 0.0
     return 1e-3 / size if size > 0 else 1e-3

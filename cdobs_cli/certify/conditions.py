@@ -59,7 +59,9 @@ def proved_of_the_plant(check: Check, law: SamplingLaw, confinement: Confinement
     A required premise that is not proved, or an estimate that may leave the slopes, leaves no period and no rate
     proved; a margin holds for the law that it was shown for, so that periods beyond it are not proved.
     """
-    premises = [claim for claim in check.claims if claim.kind == "premise" and (claim.required or claim.id == "estimate")]
+    premises = [
+        claim for claim in check.claims if claim.kind == "premise" and (claim.required or claim.id == "estimate")
+    ]
     stands = all(claim.status == "proved" for claim in premises)
     kept = {}
     for name, bound in check.bounds.items():
@@ -90,4 +92,7 @@ def _refuted(claim: Claim, plant: Plant, statement: str) -> tuple[Claim, str]:
         return claim, statement
     if not plant.slopes.uncertain or witness.about == "plant":
         return replace(claim, witness=replace(witness, about="plant")), f"{statement}: refuted for the plant as typed"
-    return claim, f"{statement}: refuted for the class, some plant with these slopes defeats it; the plant as typed may still converge"
+    return (
+        claim,
+        f"{statement}: refuted for the class, some plant with these slopes defeats it; the plant as typed may still converge",
+    )

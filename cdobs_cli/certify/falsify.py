@@ -3,7 +3,7 @@ does not survive.
 
 Over a word of sampling periods the error is multiplied by the monodromy matrix
 
-    M = J Phi_m .. J Phi_1,    Phi = product of exp((base + sum_k v_k left_k right_k) s) over the arcs of a period;
+    M = J Phi_m .. J Phi_1,    Phi = product of exp((base + sum_k v_k parts_k) s) over the arcs of a period;
 
 repeated for ever it keeps some error from converging when rho(M) >= 1. Floats search, balls prove
 (`refutes`). Such a witness is about the slope class: some plant with these slopes defeats the gain.
@@ -70,7 +70,10 @@ class Word:
     @staticmethod
     def from_witness(witness: Witness) -> Word:
         """Raises: ValueError, KeyError, TypeError, ExpressionError on what `witness` did not write."""
-        arcs = [Arc(Exact(t), tuple(Exact(v) for v in values)) for t, values in zip(witness.times, witness.values, strict=True)]
+        arcs = [
+            Arc(Exact(t), tuple(Exact(v) for v in values))
+            for t, values in zip(witness.times, witness.values, strict=True)
+        ]
         counts = [int(count) for count in witness.data["arcs"]]
         if sum(counts) != len(arcs) or min(counts, default=0) < 1:
             raise ValueError("the arcs of a word fill its sampling periods")
@@ -129,12 +132,11 @@ def monodromy(maps: ErrorMaps[Matrix], word: Word) -> Matrix:
 
 def _admissible(inclusion: HybridInclusion, period: tuple[Arc, ...]) -> bool:
     """Whether the slopes certainly lie in the box, and the arcs fill a period of the law."""
-    slopes = inclusion.plant.slopes
     for arc in period:
-        if arc.length.sign() != 1 or len(arc.values) != len(inclusion.entries):
+        if arc.length.sign() != 1 or len(arc.values) != len(inclusion.quantities):
             return False
-        for value, entry in zip(arc.values, inclusion.entries, strict=True):
-            if not (_at_most(slopes.lower[entry], value) and _at_most(value, slopes.upper[entry])):
+        for value, rho in zip(arc.values, inclusion.quantities, strict=True):
+            if not (_at_most(rho.lower, value) and _at_most(value, rho.upper)):
                 return False
     length = period[0].length
     for arc in period[1:]:
@@ -152,21 +154,18 @@ def leaves_unseen(inclusion: HybridInclusion, values: tuple[Exact, ...]) -> bool
     flow and jump keep that subspace."""
     maps, C = inclusion.balls, inclusion.plant.C.balls()
     F = maps.flow(tuple(value.scalar for value in values))
-    A = inclusion.plant.A.balls()
+    A = inclusion.view_balls.flow(value.scalar for value in values) if inclusion.quantities else inclusion.view_balls.A
     if not (F.is_rational and maps.jump.is_rational and C.is_rational and A.is_rational):
         return False
-    for (i, j), value in zip(inclusion.entries, values, strict=True):
-        A = A + _unit_matrix(A.shape[0], i, j) * value.scalar
-    for i, j in inclusion.plant.slopes.entries:
-        if (i, j) not in inclusion.entries:
-            A = A + _unit_matrix(A.shape[0], i, j) * inclusion.plant.slopes.lower[i, j].scalar
     basis = unobservable_subspace(A, C)
     if basis is None:
         return False
     size = basis.shape[1]
     kept = (basis.T @ basis).solve(basis.T @ A @ basis)  # A N = N kept
     embedded = block([[basis], [Matrix.zeros(F.shape[0] - A.shape[0], size)]]) if F.shape[0] > A.shape[0] else basis
-    if (F @ embedded - embedded @ kept).data != Matrix.zeros(F.shape[0], size).data or (maps.jump @ embedded).data != embedded.data:
+    if (F @ embedded - embedded @ kept).data != Matrix.zeros(F.shape[0], size).data or (
+        maps.jump @ embedded
+    ).data != embedded.data:
         return False
     return not is_hurwitz(kept)
 
@@ -180,20 +179,17 @@ def unobservable_subspace(A: Matrix, C: Matrix) -> Matrix | None:
     return null_space(rows)
 
 
-def _unit_matrix(n: int, i: int, j: int) -> Matrix:
-    return Matrix.from_rows([[int(a == i and b == j) for b in range(n)] for a in range(n)])
-
-
 def _unseen_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
     """Constant slopes with an unseen error that does not decay: corners (few of them) and the middle."""
     if inclusion.sampling.T_max.sign() != 1:
         return
-    slopes = inclusion.plant.slopes
     candidates = [_values(inclusion, corner) for corner in islice(candidate_corners(inclusion), 16)]
-    ends = [(slopes.lower[entry].rational, slopes.upper[entry].rational) for entry in inclusion.entries]
+    ends = [(rho.lower.rational, rho.upper.rational) for rho in inclusion.quantities]
     if all(low is not None and high is not None for low, high in ends):
         candidates.append(tuple(Exact((low + high) / 2) for low, high in ends if low is not None and high is not None))
-        candidates.append(tuple(Exact(min(max(low, Fraction(0)), high)) for low, high in ends if low is not None and high is not None))
+        candidates.append(
+            tuple(Exact(min(max(low, Fraction(0)), high)) for low, high in ends if low is not None and high is not None)
+        )
     for values in candidates:
         if leaves_unseen(inclusion, values):
             yield Word(((Arc(inclusion.sampling.T_max, values),),))
@@ -215,7 +211,10 @@ def _switching_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
             for length in lengths:
                 last = last - length
             periods.append(
-                tuple(Arc(length, _values(inclusion, corner)) for length, (_, corner) in zip([*lengths, last], arcs, strict=True))
+                tuple(
+                    Arc(length, _values(inclusion, corner))
+                    for length, (_, corner) in zip([*lengths, last], arcs, strict=True)
+                )
             )
         yield Word(tuple(periods))
 
@@ -273,7 +272,7 @@ def candidate_periods(law: SamplingLaw, effort: int) -> list[Exact]:
 def candidate_corners(inclusion: HybridInclusion) -> Iterator[tuple[bool, ...]]:
     """Corners of the slope box (True: upper end): all of them while few, else those with one or two
     sign patterns by rows, and an ascent of the spectral radius from them."""
-    count = len(inclusion.entries)
+    count = len(inclusion.quantities)
     if count <= _ALL_CORNERS:
         yield from product((False, True), repeat=count)
         return
@@ -284,7 +283,12 @@ def candidate_corners(inclusion: HybridInclusion) -> Iterator[tuple[bool, ...]]:
         flows = np.array([maps.flow(_floats(inclusion, corner)) for corner in batch])
         return spectral_radii(maps.jump @ exponentials(flows * T))
 
-    starts = [(False,) * count, (True,) * count, tuple(k % 2 == 0 for k in range(count)), tuple(i <= j for i, j in inclusion.entries)]
+    starts = [
+        (False,) * count,
+        (True,) * count,
+        tuple(k % 2 == 0 for k in range(count)),
+        tuple(i <= j for i, j in inclusion.entries),
+    ]
     for start in starts:
         best, value = start, float(radii([start])[0])
         for _ in range(3):
@@ -299,8 +303,7 @@ def candidate_corners(inclusion: HybridInclusion) -> Iterator[tuple[bool, ...]]:
 
 
 def _values(inclusion: HybridInclusion, corner: tuple[bool, ...]) -> tuple[Exact, ...]:
-    slopes = inclusion.plant.slopes
-    return tuple((slopes.upper if up else slopes.lower)[entry] for up, entry in zip(corner, inclusion.entries, strict=True))
+    return tuple(rho.upper if up else rho.lower for up, rho in zip(corner, inclusion.quantities, strict=True))
 
 
 def _floats(inclusion: HybridInclusion, corner: tuple[bool, ...]) -> tuple[float, ...]:
@@ -308,19 +311,16 @@ def _floats(inclusion: HybridInclusion, corner: tuple[bool, ...]) -> tuple[float
 
 
 def _finite(maps: ErrorMaps[Any]) -> bool:
-    parts = (maps.base, maps.jump, *maps.left, *maps.right, np.array(maps.lower), np.array(maps.upper))
+    parts = (maps.base, maps.jump, *maps.parts, np.array(maps.lower), np.array(maps.upper))
     return all(bool(np.all(np.isfinite(part))) for part in parts)
 
 
 def slowest_decay(inclusion: HybridInclusion) -> arb | None:
     """A rate that the error certainly does not exceed: -ln(rho) / T of the sampled error at the worst corner of the
     slope box, at the largest period; None where no corner gives one (or the loop is unstable there)."""
-    T, slopes = inclusion.sampling.T_max, inclusion.plant.slopes
+    T = inclusion.sampling.T_max
     maps, exact = inclusion.floats, inclusion.balls
-    corners = [
-        tuple((slopes.upper if up else slopes.lower)[entry] for up, entry in zip(corner, inclusion.entries, strict=True))
-        for corner in candidate_corners(inclusion)
-    ]
+    corners = [_values(inclusion, corner) for corner in candidate_corners(inclusion)]
     flows = np.array([maps.flow(tuple(float(v) for v in corner)) for corner in corners])
     if not np.all(np.isfinite(flows)):
         return None

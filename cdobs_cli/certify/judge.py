@@ -88,7 +88,9 @@ class Judgement:
     @property
     def covering(self) -> list[Judged]:
         """Proved of the design's gain for every sequence of periods of its law."""
-        return [item for item in self.converging if item.own and item.proof.holds and item.method.covers.contains(self.law)]
+        return [
+            item for item in self.converging if item.own and item.proof.holds and item.method.covers.contains(self.law)
+        ]
 
     @property
     def usable(self) -> list[Judged]:
@@ -218,7 +220,9 @@ def _bounds(judgement: Judgement) -> dict[str, Bound]:
             bounds[name] = Bound("inf", None, "s", DeadBeat.name, "one sample erases every error, whatever the period")
     else:
         best = _longest(own)
-        failing = smallest_refuted(lambda T: question.at(T).inclusion, None if best is None else best.T, question.effort)
+        failing = smallest_refuted(
+            lambda T: question.at(T).inclusion, None if best is None else best.T, question.effort
+        )
         refuted = None if failing is None else _above(failing[0])
         if best is not None or refuted is not None:
             bounds["period_max"] = _period(best, refuted, about)
@@ -228,7 +232,9 @@ def _bounds(judgement: Judgement) -> dict[str, Bound]:
         ends = [item.T for item in judgement.hopeless]
         if some is not None or ends:
             lost = _above(min(ends, key=float)) if ends else None
-            bounds["period_max_any_gain"] = _period(some, lost, "some gain proved, every gain refuted" if ends else "some gain")
+            bounds["period_max_any_gain"] = _period(
+                some, lost, "some gain proved, every gain refuted" if ends else "some gain"
+            )
     fastest = max((item.proof.rate for item in judgement.covering), key=lambda rate: float(rate.lower()), default=None)
     slowest = slowest_decay(question.inclusion)
     known = fastest is not None and fastest > 0
@@ -278,7 +284,16 @@ def _intervals(question: Question) -> list[Claim]:
     listed = ", ".join(f"[{interval.low}, {interval.high}]" for interval in intervals[:12])
     statement = f"The error converges at every constant period in {listed}."
     how = "spectral radius, balls of periods"
-    return [Claim("period_max.intervals", "certificate", "proved", statement, "spectral radius of the sampled error", method=how)]
+    return [
+        Claim(
+            "period_max.intervals",
+            "certificate",
+            "proved",
+            statement,
+            "spectral radius of the sampled error",
+            method=how,
+        )
+    ]
 
 
 def _covering(card: Card, plant: Plant, design: Design) -> tuple[Question, list[Judged]]:

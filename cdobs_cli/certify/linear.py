@@ -30,7 +30,7 @@ class StableInterval:
 
 def is_linear(inclusion: HybridInclusion) -> bool:
     """No uncertain slope, one constant period."""
-    return not inclusion.entries and inclusion.sampling.is_periodic
+    return not inclusion.quantities and inclusion.sampling.is_periodic
 
 
 def stable_intervals(inclusion: HybridInclusion, shortest: float, longest: float) -> list[StableInterval]:
@@ -83,7 +83,12 @@ def _prove(inclusion: HybridInclusion, low: float, high: float) -> StableInterva
     for margin in _INSIDE:
         a = Exact(decimal_text(Fraction(low) * (1 + margin), 9))
         b = Exact(decimal_text(Fraction(high) * (1 - margin), 9))
-        if a.rational is not None and b.rational is not None and a.rational <= b.rational and _covers(inclusion, a.rational, b.rational):
+        if (
+            a.rational is not None
+            and b.rational is not None
+            and a.rational <= b.rational
+            and _covers(inclusion, a.rational, b.rational)
+        ):
             return StableInterval(a, b)
     return None
 

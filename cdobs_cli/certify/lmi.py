@@ -127,7 +127,11 @@ class Program:
         import numpy as np
 
         zeros = self._split(np.zeros(self.size))
-        return [{**zeros, name: unknown.matrix(row)} for name, unknown in self.unknowns.items() for row in np.eye(unknown.size)]
+        return [
+            {**zeros, name: unknown.matrix(row)}
+            for name, unknown in self.unknowns.items()
+            for row in np.eye(unknown.size)
+        ]
 
     def require(self, inequality: Affine) -> None:
         """inequality(x) >= 0 in the semidefinite order (a symmetric matrix; 1 x 1 for a scalar)."""
@@ -168,7 +172,8 @@ class Program:
 def ask_clarabel(
     cost: Array, A: SparseColumns, b: Array, cones: list[Cone], tolerance: float = 1e-9, iterations: int = 200
 ) -> tuple[Array, SolverRecord]:
-    """minimise cost' x subject to b - A x in the product of cones; one thread. The last iterate and how it went.
+    """minimise cost' x subject to b - A x in the product of cones; one thread. The last iterate and how it went:
+    not a number, and `Panicked`, where the solver did.
 
     Cones: ("zero", size) or ("psd", dimension), a triangle by columns with off-diagonals times sqrt 2."""
     import clarabel
@@ -183,12 +188,18 @@ def ask_clarabel(
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
     kinds = {"zero": clarabel.ZeroConeT, "psd": clarabel.PSDTriangleConeT}
     product = [kinds[kind](count) for kind, count in cones]
-    result = clarabel.DefaultSolver(zero, cost, A, b, product, settings).solve()
-    record = SolverRecord("clarabel", clarabel.__version__, str(result.status), int(result.iterations))
+    try:
+        result = clarabel.DefaultSolver(zero, cost, A, b, product, settings).solve()
+        x, status, count = np.array(result.x), str(result.status), int(result.iterations)
+    except BaseException as panic:  # what Rust panics with is no Exception, and has a class that cannot be imported
+        if type(panic).__name__ != "PanicException":
+            raise
+        x, status, count = np.full(size, np.nan), "Panicked", 0
+    record = SolverRecord("clarabel", clarabel.__version__, status, count)
     log = _LOG.get()
     if log is not None:
         log.append(record)
-    return np.array(result.x), record
+    return x, record
 
 
 @contextmanager

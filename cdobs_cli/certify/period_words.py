@@ -68,7 +68,9 @@ def propose(F: Array, J: Array, low: float, high: float, effort: int) -> list[Pe
     for length in range(1, _LONGEST[level] + 1):
         if length > 1:
             maps = (letters[:, None] @ maps[None]).reshape(-1, *letters.shape[1:])
-            words = np.concatenate([np.tile(words, (len(grid), 1)), np.repeat(np.arange(len(grid)), len(words))[:, None]], axis=1)
+            words = np.concatenate(
+                [np.tile(words, (len(grid), 1)), np.repeat(np.arange(len(grid)), len(words))[:, None]], axis=1
+            )
         radii = spectral_radii(maps)
         rates = np.log(np.maximum(radii, 1e-300)) / grid[words].sum(axis=1)
         best = np.argsort(-rates)[:_REFINED]
@@ -156,7 +158,11 @@ def _distinct(words: list[PeriodWord]) -> list[PeriodWord]:
     kept: dict[tuple[float, ...], PeriodWord] = {}
     for word in words:
         letters = word.periods
-        root = next(n for n in range(1, len(letters) + 1) if len(letters) % n == 0 and letters[:n] * (len(letters) // n) == letters)
+        root = next(
+            n
+            for n in range(1, len(letters) + 1)
+            if len(letters) % n == 0 and letters[:n] * (len(letters) // n) == letters
+        )
         letters = letters[:root]
         key = min(letters[k:] + letters[:k] for k in range(root))
         kept.setdefault(key, PeriodWord(letters, word.radius ** (root / len(word.periods))))
@@ -173,7 +179,11 @@ def _moved(word: PeriodWord, F: Array, X: Array, Y: Array, low: float, high: flo
         return word
     step = (high - low) / 8
     for _ in range(_STEPS):
-        trials = np.clip(np.concatenate([periods + step * np.eye(count), periods - step * np.eye(count)]), max(low, high * 1e-5), high)
+        trials = np.clip(
+            np.concatenate([periods + step * np.eye(count), periods - step * np.eye(count)]),
+            max(low, high * 1e-5),
+            high,
+        )
         maps = Y @ exponentials(F * trials.reshape(-1)[:, None, None]) @ X
         product = maps.reshape(2 * count, count, *maps.shape[1:])
         total = product[:, 0]

@@ -88,7 +88,11 @@ def largest(
             return None if at_start is None else (start, at_start)
         low, steps = short(floor + (float(low) - floor) / FACTOR, digits), steps + 1
     high = short(float(low) * FACTOR if floor == 0 or steps == 0 else floor + (float(low) - floor) * FACTOR, digits)
-    while (steps == 0 or glance is not None) and float(high) < SPAN * float(start) and (walk(high) or full(high)) is not None:
+    while (
+        (steps == 0 or glance is not None)
+        and float(high) < SPAN * float(start)
+        and (walk(high) or full(high)) is not None
+    ):
         low, high = high, short(float(high) * FACTOR, digits)
     return between(full, low, high, width, digits)
 

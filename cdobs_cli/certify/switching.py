@@ -1,7 +1,7 @@
 """The search for switching counterexamples, in floats: which V(t), at corners of the slope box, makes rho(M) largest.
 
 By the maximum principle an extremal V(t) is bang-bang: with e the error along the leading eigenvector and p
-the costate along the left one, v_k follows the sign of (p' left_k)(right_k e). Starting from some V on a grid
+the costate along the left one, v_k follows the sign of p' parts_k e. Starting from some V on a grid
 of slots, that rule is applied again and again (policy iteration); arcs of equal slopes are then merged and
 their lengths refined. What comes out is only proposed: `falsify.prove` decides.
 """
@@ -52,7 +52,9 @@ def propose(inclusion: HybridInclusion, effort: int, exponentials: Any) -> list[
     return propose_for(maps, list(_period_words(inclusion, _PERIODS[level])), level, exponentials)
 
 
-def propose_for(maps: ErrorMaps[Array], words: list[tuple[Exact, ...]], level: int, exponentials: Any) -> list[Proposal]:
+def propose_for(
+    maps: ErrorMaps[Array], words: list[tuple[Exact, ...]], level: int, exponentials: Any
+) -> list[Proposal]:
     """The same for maps in floats and given sampling periods of each word."""
     import numpy as np
 
@@ -92,9 +94,7 @@ class _Search:
         import numpy as np
 
         self.maps, self.exponentials, self.slots = maps, exponentials, slots
-        N = maps.base.shape[0]
-        self.left = np.concatenate([np.zeros((N, 0)), *maps.left], axis=1)  # (N, k)
-        self.right = np.concatenate([np.zeros((0, N)), *maps.right], axis=0)  # (k, N)
+        self.parts = np.array(maps.parts).reshape(-1, *maps.base.shape)  # (k, N, N)
         self.lower, self.upper = np.array(maps.lower, dtype=float), np.array(maps.upper, dtype=float)
         self.k = len(self.lower)
 
@@ -151,7 +151,7 @@ class _Search:
         import numpy as np
 
         v = np.where(bits, self.upper, self.lower)
-        flows = self.maps.base + np.einsum("ik,sk,kj->sij", self.left, v, self.right)
+        flows = self.maps.base + np.einsum("sk,kij->sij", v, self.parts)
         E = self.exponentials(flows * lengths[:, None, None])
         N = flows.shape[-1]
         forward = [np.eye(N)]
@@ -183,7 +183,7 @@ class _Search:
             e = forward[slot] @ x
             before = E[slot].T @ costate
             middle_e, middle_p = (e + E[slot] @ e) / 2, (costate + before) / 2
-            gradient[slot] = np.real(weight * (middle_p @ self.left) * (self.right @ middle_e))
+            gradient[slot] = np.real(weight * np.einsum("i,kij,j->k", middle_p, self.parts, middle_e))
             costate = before
         return radius, gradient
 
@@ -204,8 +204,10 @@ class _Search:
         import numpy as np
 
         flat = [arc for period in arcs for arc in period]
-        v = np.where(np.array([corner for _, corner in flat], dtype=bool).reshape(len(flat), self.k), self.upper, self.lower)
-        flows = self.maps.base + np.einsum("ik,sk,kj->sij", self.left, v, self.right)
+        v = np.where(
+            np.array([corner for _, corner in flat], dtype=bool).reshape(len(flat), self.k), self.upper, self.lower
+        )
+        flows = self.maps.base + np.einsum("sk,kij->sij", v, self.parts)
         E = iter(self.exponentials(flows * np.array([length for length, _ in flat])[:, None, None]))
         M = np.eye(flows.shape[-1])
         for period in arcs:
@@ -228,7 +230,12 @@ class _Search:
                     first, second = arcs[w][i], arcs[w][i + 1]
                     if not (first[0] + delta > 0 and second[0] - delta > 0):
                         continue
-                    period = [*arcs[w][:i], (first[0] + delta, first[1]), (second[0] - delta, second[1]), *arcs[w][i + 2 :]]
+                    period = [
+                        *arcs[w][:i],
+                        (first[0] + delta, first[1]),
+                        (second[0] - delta, second[1]),
+                        *arcs[w][i + 2 :],
+                    ]
                     trial = (*arcs[:w], tuple(period), *arcs[w + 1 :])
                     value = self._radius(trial)
                     if value > radius:

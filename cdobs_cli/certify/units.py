@@ -40,9 +40,8 @@ class Units:
 
         n = view.A.shape[0]
         coupling = np.abs(view.A)
-        for (i, j), low, high in zip(view.entries, view.lower, view.upper, strict=True):
-            if coupling[i, j] == 0:
-                coupling[i, j] = max(abs(low), abs(high))
+        for part, low, high in zip(view.parts, view.lower, view.upper, strict=True):
+            coupling = np.where(coupling == 0, np.abs(part) * max(abs(low), abs(high)), coupling)
         states = np.ones(n)
         measured = np.flatnonzero(np.abs(view.C).max(axis=0) > 0)
         seen = {int(i) for i in measured}
@@ -61,14 +60,12 @@ class Units:
     def view(self, view: PlantView[Array]) -> PlantView[Array]:
         """The same plant and gain in these units."""
         D, E = self.states, self.outputs
-        scale = [self.tau * D[j] / D[i] for i, j in view.entries]
         return replace(
             view,
             A=view.A * (self.tau * D / D[:, None]),
             C=view.C * D / E[:, None],
             gain={name: self.gain_in(L) for name, L in view.gain.items()},
-            lower=tuple(value * factor for value, factor in zip(view.lower, scale, strict=True)),
-            upper=tuple(value * factor for value, factor in zip(view.upper, scale, strict=True)),
+            parts=tuple(part * (self.tau * D / D[:, None]) for part in view.parts),
         )
 
     def gain_in(self, L: Array) -> Array:

@@ -45,7 +45,7 @@ _ONE = Exact(1)
 class Unseen:
     """An error direction that is never seen at the samples and does not decay.
 
-    values: constant slopes, in the order of `plant.slopes.uncertain`. period: a constant period of the law at
+    values: constant slopes, in the order of `plant.slopes.quantities`. period: a constant period of the law at
     which it is unseen; None where it is unseen at all times. factor: the error's growth from sample to sample, at
     least (None where it is unseen at all times).
     """
@@ -57,16 +57,28 @@ class Unseen:
 
     def witness(self, plant: Plant) -> Witness:
         """The direction, with the slopes and the period it goes with, enough for a replay."""
-        entries = plant.slopes.uncertain
+        entries = tuple(rho.entry for rho in plant.slopes.quantities)
         T = self.period or plant.sampling.T_max
-        data = {"arcs": [1], "direction": [fraction_text(value) for value in self.direction], "states": list(plant.states)}
-        return Witness("vector", "class" if entries else "plant", (str(T),), (tuple(map(str, self.values)),), self.factor, entries, data)
+        data = {
+            "arcs": [1],
+            "direction": [fraction_text(value) for value in self.direction],
+            "states": list(plant.states),
+        }
+        return Witness(
+            "vector",
+            "class" if entries else "plant",
+            (str(T),),
+            (tuple(map(str, self.values)),),
+            self.factor,
+            entries,
+            data,
+        )
 
     def sentence(self, plant: Plant) -> str:
         """Why no gain helps, in the names of the states."""
         slopes = ", ".join(
-            f"d phi_{plant.states[i]} / d {plant.states[j]} = {_short(value)}"
-            for value, (i, j) in zip(self.values, plant.slopes.uncertain, strict=True)
+            f"{rho.text(plant.states)} = {_short(value)}"
+            for value, rho in zip(self.values, plant.slopes.quantities, strict=True)
         )
         where = f" with {slopes}" if slopes else ""
         direction = _combination(self.direction, plant.states)
@@ -107,8 +119,7 @@ def unseen(plant: Plant, law: SamplingLaw | None = None) -> Unseen | None:
 
 def _candidates(plant: Plant) -> Iterator[tuple[Exact, ...]]:
     """Middle, nearest to 0, corners; each once."""
-    slopes, entries = plant.slopes, plant.slopes.uncertain
-    ends = [(slopes.lower[entry], slopes.upper[entry]) for entry in entries]
+    ends = [(rho.lower, rho.upper) for rho in plant.slopes.quantities]
     half = Exact(Fraction(1, 2))
     middle = tuple((low + high) * half for low, high in ends)
     nearest = tuple(low if low.sign() == 1 else high if high.sign() == -1 else Exact(0) for low, high in ends)
@@ -120,10 +131,12 @@ def _candidates(plant: Plant) -> Iterator[tuple[Exact, ...]]:
 
 def _flow(plant: Plant, values: tuple[Exact, ...]) -> ExactMatrix:
     """A + V, the constant slopes included."""
-    rows = [list(row) for row in plant.A.rows]
-    chosen = dict(zip(plant.slopes.uncertain, values, strict=True))
-    for i, j in plant.slopes.entries:
-        rows[i][j] = rows[i][j] + chosen.get((i, j), plant.slopes.lower[i, j])
+    rows = [
+        [value + plant.slopes.constant((i, j)) for j, value in enumerate(row)] for i, row in enumerate(plant.A.rows)
+    ]
+    for value, rho in zip(values, plant.slopes.quantities, strict=True):
+        for (i, j), weight in rho.weights:
+            rows[i][j] = rows[i][j] + weight * value
     return ExactMatrix(rows)
 
 
@@ -224,7 +237,9 @@ def _spaces(F: Matrix) -> Iterator[tuple[Fraction, Fraction, Matrix]]:
             yield a, w_squared, W
 
 
-def _periods(eigenvalues: list[tuple[Fraction, Fraction]], c: Exact, law: SamplingLaw) -> Iterator[tuple[Exact, Fraction]]:
+def _periods(
+    eigenvalues: list[tuple[Fraction, Fraction]], c: Exact, law: SamplingLaw
+) -> Iterator[tuple[Exact, Fraction]]:
     """(T, q^2) with c T = q pi, T in the law: the period itself, or those at which a pair is aliased."""
     if law.is_periodic:
         squared = _turns_squared(law.T_max * c)
@@ -310,5 +325,7 @@ def _combination(direction: tuple[Fraction, ...], states: tuple[str, ...]) -> st
     for value, name in zip(direction, states, strict=True):
         if value:
             size = "" if abs(value) == 1 else f"{float(abs(value)):.6g} "
-            text += f"{' - ' if value < 0 else ' + '}{size}{name}" if text else f"{'-' if value < 0 else ''}{size}{name}"
+            text += (
+                f"{' - ' if value < 0 else ' + '}{size}{name}" if text else f"{'-' if value < 0 else ''}{size}{name}"
+            )
     return text

@@ -21,14 +21,21 @@ def document(command: str, results: list[Result], code: ExitCode) -> str:
     found = [message for result in results if result.status != "failed" for message in result.messages]
     rules = sorted({message.rule for message in found})
     run = {
-        "tool": {"driver": {"name": "cdobs", "version": __version__, "rules": [{"id": rule, "name": _pascal(rule)} for rule in rules]}},
+        "tool": {
+            "driver": {
+                "name": "cdobs",
+                "version": __version__,
+                "rules": [{"id": rule, "name": _pascal(rule)} for rule in rules],
+            }
+        },
         "invocations": [
             {
                 "executionSuccessful": code != ExitCode.FAILED,
                 "exitCode": int(code),
                 "commandLine": f"cdobs {command}",
                 "toolExecutionNotifications": [
-                    {"level": "error", "message": {"text": message.text}, "locations": _locations(message)} for message in failed
+                    {"level": "error", "message": {"text": message.text}, "locations": _locations(message)}
+                    for message in failed
                 ],
             }
         ],

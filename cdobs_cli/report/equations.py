@@ -20,12 +20,11 @@ MAX_DEPTH = 60
 LONGEST_NUMBER = 12
 SHOWN_DIGITS = 7
 
-_LOWER = (
-    "alpha", "beta", "gamma", "delta", "epsilon", "zeta", "eta", "theta", "iota", "kappa", "lambda", "mu", "nu", "xi", "omicron", "pi",
-    "rho", "sigma", "tau", "upsilon", "phi", "chi", "psi", "omega",
-)  # fmt: skip
-_UPPER = ("Gamma", "Delta", "Theta", "Lambda", "Xi", "Pi", "Sigma", "Upsilon", "Phi", "Psi", "Omega")
-GREEK = dict(zip((*_LOWER, *_UPPER), "αβγδεζηθικλμνξοπρστυφχψωΓΔΘΛΞΠΣΥΦΨΩ", strict=True))
+_NAMES = (
+    "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi omicron pi rho sigma tau upsilon phi chi "
+    "psi omega Gamma Delta Theta Lambda Xi Pi Sigma Upsilon Phi Psi Omega"
+)
+GREEK = dict(zip(_NAMES.split(), "αβγδεζηθικλμνξοπρστυφχψωΓΔΘΛΞΠΣΥΦΨΩ", strict=True))
 _LATEX_SYMBOLS = {"·": r"\cdot", "−": "-", "∈": r"\in", "≤": r"\le", "≥": r"\ge", "…": r"\dots", "→": r"\to"}
 _ACCENTS = {"hat": "hat", "lower": "underline", "upper": "overline"}
 _OPERATORS = frozenset(one.typeset[1:].partition("_")[0] for one in LANGUAGE.values() if one.typeset.startswith("\\"))
@@ -259,7 +258,9 @@ def _atom(node: Expression) -> Formula:
         text = fraction_text(node.value)
         if len(text) > LONGEST_NUMBER:
             context = Context(prec=SHOWN_DIGITS, rounding=ROUND_DOWN)
-            return Digits(f"{plain_decimal(context.divide(Decimal(node.value.numerator), Decimal(node.value.denominator)))}…")
+            return Digits(
+                f"{plain_decimal(context.divide(Decimal(node.value.numerator), Decimal(node.value.denominator)))}…"
+            )
         if "/" in text:
             return Ratio(Digits(str(node.value.numerator)), Digits(str(node.value.denominator)))
         return Digits(text)
@@ -282,7 +283,9 @@ def _power(base: Expression, exponent: Fraction) -> Formula:
     named = isinstance(base, Call) and LANGUAGE[base.function].typeset.startswith("\\")
     if isinstance(base, Call) and named and exponent.denominator == 1 and exponent > 1:
         return applied(_raised(_name(base), above), _list(base.children))
-    if isinstance(base, Variable | Constant) or (isinstance(base, Number) and base.value >= 0 and base.value.denominator == 1):
+    if isinstance(base, Variable | Constant) or (
+        isinstance(base, Number) and base.value >= 0 and base.value.denominator == 1
+    ):
         return _raised(_atom(base), above)
     return Script(_fence(_sum(base)), None, above)
 
@@ -361,9 +364,7 @@ def latex(piece: Formula) -> str:
 
 
 def _latex_name(name: str) -> str:
-    if name in GREEK and name != "omicron":
-        return f"\\{name}"
-    if name in _OPERATORS:
+    if (name in GREEK and name != "omicron") or name in _OPERATORS:
         return f"\\{name}"
     return name if len(name) == 1 else rf"\mathrm{{{_latex_text(name)}}}"
 
@@ -414,8 +415,8 @@ def mathml(piece: Formula) -> str:
         case Accent(body, kind):
             if kind == "underline":
                 return f'<munder accentunder="true">{mathml(body)}<mo stretchy="true">_</mo></munder>'
-            mark = {"dot": "˙", "hat": "^", "overline": "¯"}[kind]
-            return f'<mover accent="true">{mathml(body)}<mo stretchy="{"true" if kind == "overline" else "false"}">{mark}</mo></mover>'
+            mark, stretchy = {"dot": "˙", "hat": "^", "overline": "¯"}[kind], str(kind == "overline").lower()
+            return f'<mover accent="true">{mathml(body)}<mo stretchy="{stretchy}">{mark}</mo></mover>'
         case Array(rows):
             lines = "".join("<mtr>" + "".join(f"<mtd>{mathml(cell)}</mtd>" for cell in row) + "</mtr>" for row in rows)
             return f"<mtable>{lines}</mtable>"
@@ -435,6 +436,7 @@ def _mathml_row(parts: Sequence[Formula]) -> str:
 def mathml_block(equations: Sequence[Equation]) -> str:
     """Aligned equations as a table without lines."""
     rows = "".join(
-        f"<mtr><mtd>{mathml(e.left)}</mtd><mtd><mo>{escape(e.relation)}</mo></mtd><mtd>{mathml(e.right)}</mtd></mtr>" for e in equations
+        f"<mtr><mtd>{mathml(e.left)}</mtd><mtd><mo>{escape(e.relation)}</mo></mtd><mtd>{mathml(e.right)}</mtd></mtr>"
+        for e in equations
     )
     return f'<math displaystyle="true"><mtable class="aligned">{rows}</mtable></math>'

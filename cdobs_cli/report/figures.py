@@ -14,6 +14,8 @@ from dataclasses import dataclass
 from itertools import repeat
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from cdobs_cli.chart import Chart, Panel, Series
 from cdobs_cli.report.ladder import Ladder
 
@@ -22,22 +24,25 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
-BLACK, ORANGE, SKY, GREEN, BLUE, VERMILLION, PURPLE = "#000000", "#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC79A7"
+BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
+BLUE, VERMILLION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
 ROLE_COLOURS = {"truth": BLACK, "estimate": BLUE, "proved": GREEN, "refuted": VERMILLION, "measured": ORANGE}
 OTHER_COLOURS = (PURPLE, SKY, ORANGE, "#7F7F7F", BLUE, GREEN)
 # The first line of a role, then the further ones: dashes keep them apart where colours cannot.
-ROLE_DASHES: dict[str, Any] = {"truth": "-", "estimate": (0, (5, 1.6)), "proved": (0, (6, 1.5, 1, 1.5)), "refuted": (0, (3, 1.2))}
+ROLE_DASHES: dict[str, Any] = {"estimate": (0, (5, 1.6)), "proved": (0, (6, 1.5, 1, 1.5)), "refuted": (0, (3, 1.2))}
 FURTHER_DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)), (0, (8, 2)))
 MARKERS = ("o", "s", "^", "D", "v")
+_HATCHED: dict[str, Any] = {"facecolor": "#FBE3D3", "edgecolor": VERMILLION, "hatch": "////", "linewidth": 0.6}
 WIDTH = 6.3  # inches: the text width of an A4 paper
 LEGEND_WIDTH = 400  # points
 LARGEST = 1e150  # values beyond are not drawn: axes overflow
 _STYLE: Any = {
     "font.family": "STIXGeneral", "mathtext.fontset": "stix", "font.size": 10.5, "axes.linewidth": 0.7,
-    "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.color": "#DDDDDD", "grid.linewidth": 0.5,
-    "axes.axisbelow": True, "xtick.major.width": 0.7, "ytick.major.width": 0.7, "legend.frameon": False, "legend.fontsize": 9.5,
-    "lines.solid_capstyle": "round", "svg.fonttype": "path", "svg.hashsalt": "cdobs", "svg.image_inline": True,
-    "hatch.linewidth": 0.6, "path.simplify": True, "axes.unicode_minus": True,
+    "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.5, "axes.axisbelow": True, "xtick.major.width": 0.7, "ytick.major.width": 0.7,
+    "legend.frameon": False, "legend.fontsize": 9.5, "lines.solid_capstyle": "round", "svg.fonttype": "path",
+    "svg.hashsalt": "cdobs", "svg.image_inline": True, "hatch.linewidth": 0.6, "path.simplify": True,
+    "axes.unicode_minus": True,
 }  # fmt: skip
 
 
@@ -99,9 +104,9 @@ def _same_length(series: Series) -> tuple[Sequence[Any], Sequence[Any]]:
 
 def ladder_csv(ladder: Ladder) -> bytes:
     """Each rung with both its ends."""
+    ends = [["" if end is None else repr(end) for end in (rung.proved, rung.refuted)] for rung in ladder.rungs]
     return _csv(
-        ("method", "proved", "refuted"),
-        [(rung.label, *("" if end is None else repr(end) for end in (rung.proved, rung.refuted))) for rung in ladder.rungs],
+        ("method", "proved", "refuted"), [(rung.label, *pair) for rung, pair in zip(ladder.rungs, ends, strict=True)]
     )
 
 
@@ -178,7 +183,8 @@ def _legend(ax: Axes, known: set[str]) -> None:
             fresh.setdefault(short, handle)
     known |= set(fresh)
     if fresh:
-        widths = [5.2 * len(label) + 42 for label in fresh]  # points, roughly: a legend wider than the axes would squeeze them
+        # Points, roughly: a legend wider than the axes would squeeze them.
+        widths = [5.2 * len(label) + 42 for label in fresh]
         columns = len(fresh) if sum(widths) < LEGEND_WIDTH else max(1, int(LEGEND_WIDTH / max(widths)))
         ax.legend(list(fresh.values()), list(fresh), loc="lower left", bbox_to_anchor=(0, 1.0), ncols=columns,
                   borderaxespad=0.15, handlelength=2.4, columnspacing=1.6)  # fmt: skip
@@ -187,7 +193,8 @@ def _legend(ax: Axes, known: set[str]) -> None:
 def _draw_series(ax: Axes, series: Series, index: int, *, many: bool, panel: Panel) -> None:
     colour = ROLE_COLOURS.get(series.role) or OTHER_COLOURS[index % len(OTHER_COLOURS)]
     # An estimate is dashed to show the truth below it; without it, or alone, a full line is easier to read.
-    below = any(other.role == "truth" or (other.role == "measured" and other.kind != "points") for other in panel.series)
+    lines = {other.role for other in panel.series if other.role == "truth" or other.kind != "points"}
+    below = bool(lines & {"truth", "measured"})
     alone = len(panel.series) == 1 or (series.role == "estimate" and not below)
     first = "-" if alone else ROLE_DASHES.get(series.role, "-")
     dashes = first if index == 0 or many else FURTHER_DASHES[index % len(FURTHER_DASHES)]
@@ -204,30 +211,26 @@ def _draw_series(ax: Axes, series: Series, index: int, *, many: bool, panel: Pan
         case "points":
             marker = MARKERS[index % len(MARKERS)]
             size, edge = (3.6, 0.4) if len(x) < 200 else (1.8, 0.0)
-            ax.plot(x, y, linestyle="none", marker=marker, markersize=size, color=colour, markeredgecolor="white", markeredgewidth=edge,
-                    label=label, zorder=4)  # fmt: skip
+            ax.plot(x, y, linestyle="none", marker=marker, markersize=size, color=colour, markeredgecolor="white",
+                    markeredgewidth=edge, label=label, zorder=4)  # fmt: skip
         case "stems":
             ax.vlines(x, 0, y, color=colour, linewidth=1.0, alpha=0.8)
             ax.plot(x, y, linestyle="none", marker="o", markersize=3, color=colour, label=label)
         case "band":
             y2 = _drawable(series.y2, positive=panel.y_scale == "log")
             ax.fill_between(x, y, y2, color=colour, alpha=0.18, linewidth=0, label=label)
-            ax.plot(x, y, color=colour, linewidth=0.8)
-            ax.plot(x, y2, color=colour, linewidth=0.8)
+            for end in (y, y2):
+                ax.plot(x, end, color=colour, linewidth=0.8)
         case "limit":
-            for value in y[:1]:
-                if math.isfinite(value):
-                    ax.axhline(value, **line)
+            for value in y[:1][np.isfinite(y[:1])]:
+                ax.axhline(value, **line)
         case "mark":
-            for value in x[:1]:
-                if math.isfinite(value):
-                    ax.axvline(value, **(line | {"linewidth": 1.1}))
+            for value in x[:1][np.isfinite(x[:1])]:
+                ax.axvline(value, **(line | {"linewidth": 1.1}))
 
 
 def _drawable(values: Any, *, positive: bool = False) -> Any:
     """Floats with what an axis cannot show replaced by gaps."""
-    import numpy as np
-
     array = np.array(values, dtype=float)
     with np.errstate(invalid="ignore"):
         shown = np.isfinite(array) & (np.abs(array) < LARGEST) & ((array > 0) if positive else True)
@@ -258,17 +261,20 @@ def _ladder_figure(ladder: Ladder) -> Figure:
     count = len(ladder.rungs)
     figure = Figure(figsize=(WIDTH, 0.95 + 0.36 * count), layout="constrained")
     ax = figure.subplots()
-    ends = [end for rung in ladder.rungs for end in (rung.proved, rung.refuted) if end is not None and math.isfinite(end) and end > 0]
+    every = [end for rung in ladder.rungs for end in (rung.proved, rung.refuted)]
+    ends = [end for end in every if end is not None and math.isfinite(end) and end > 0]
     largest, smallest = max(ends, default=1.0), min(ends, default=1.0)
     logarithmic = largest > 40 * smallest
     left, right = (smallest / 3, largest * 2) if logarithmic else (0.0, largest * 1.15)
     for row, rung in enumerate(ladder.rungs):
         y = count - 1 - row
         if rung.proved is not None and rung.proved > 0:
-            ax.barh(y, min(rung.proved, right) - left, left=left, height=0.56, color=GREEN, edgecolor=GREEN, linewidth=0.6)
+            ax.barh(
+                y, min(rung.proved, right) - left, left=left, height=0.56, linewidth=0.6, color=GREEN, edgecolor=GREEN
+            )
         if rung.refuted is not None and rung.refuted < right:
             start = max(rung.refuted, left)
-            ax.barh(y, right - start, left=start, height=0.56, facecolor="#FBE3D3", edgecolor=VERMILLION, hatch="////", linewidth=0.6)
+            ax.barh(y, right - start, left=start, height=0.56, **_HATCHED)
         ax.text(1.02, y, rung.text, transform=ax.get_yaxis_transform(), va="center", fontsize=9.5)
     if logarithmic:
         ax.set_xscale("log")
@@ -290,5 +296,5 @@ def _ladder_legend(ax: Axes, ladder: Ladder) -> None:
     if any(rung.proved is not None for rung in ladder.rungs):
         handles.append(Patch(facecolor=GREEN, label="proved"))
     if any(rung.refuted is not None for rung in ladder.rungs):
-        handles.append(Patch(facecolor="#FBE3D3", edgecolor=VERMILLION, hatch="////", linewidth=0.6, label="refuted"))
+        handles.append(Patch(**_HATCHED, label="refuted"))
     ax.legend(handles=handles, loc="lower left", bbox_to_anchor=(0, 1.0), ncols=2, borderaxespad=0.15)

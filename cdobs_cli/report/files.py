@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 def render(report: Report) -> dict[str, bytes]:
     """All files of a report by relative name: report.md, report.html, figures/<name>.svg, .png and .csv."""
-    figures = _figures(report.charts)
-    pictures = {chart.name: figures[f"figures/{chart.name}.svg"] for chart in report.charts}
-    return {"report.md": markdown(report).encode(), "report.html": html_page(report, pictures).encode(), **figures}
+    drawn = figures(report.charts)
+    pictures = {chart.name: drawn[f"figures/{chart.name}.svg"] for chart in report.charts}
+    return {"report.md": markdown(report).encode(), "report.html": html_page(report, pictures).encode(), **drawn}
 
 
 def figures_of_run(
@@ -32,15 +32,13 @@ def figures_of_run(
 ) -> dict[str, bytes]:
     """The common figures of a simulation alone, by relative name."""
     envelope = proved_envelope(family, plant, design, check)
-    return _figures(run_charts(plant, run, envelope, coordinates))
+    return figures(run_charts(plant, run, envelope, coordinates))
 
 
-def _figures(charts: Iterable[Chart | Ladder]) -> dict[str, bytes]:
+def figures(charts: Iterable[Chart | Ladder]) -> dict[str, bytes]:
+    """Each chart as .svg, .png and .csv, by relative name."""
     from cdobs_cli.report.figures import draw
 
-    files: dict[str, bytes] = {}
-    for chart in charts:
-        drawing = draw(chart)
-        for suffix, content in (("svg", drawing.svg), ("png", drawing.png), ("csv", drawing.csv)):
-            files[f"figures/{chart.name}.{suffix}"] = content
-    return files
+    drawings = {chart.name: draw(chart) for chart in charts}
+    formats = ("svg", "png", "csv")
+    return {f"figures/{name}.{one}": getattr(drawing, one) for name, drawing in drawings.items() for one in formats}

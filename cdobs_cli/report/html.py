@@ -1,4 +1,4 @@
-"""report.html: one file with its style, its formulas (MathML) and its figures (SVG) inside; nothing is fetched or run."""
+"""report.html: one file with its style, formulas (MathML) and figures (SVG) inside; nothing is fetched or run."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ def html_page(report: Report, pictures: Mapping[str, bytes]) -> str:
 
 
 def _headline(report: Report) -> str:
-    lines = [f'<p class="verdict">{SYMBOLS[report.verdict]} {escape(report.verdict)}</p>', f"<p>{escape(report.sentence)}</p>"]
+    lines = [f'<p class="verdict">{SYMBOLS[report.verdict]} {escape(report.verdict)}</p>']
+    lines.append(f"<p>{escape(report.sentence)}</p>")
     if bracket := bracket_sentence(report):
         lines.append(f"<p><strong>{escape(bracket)}</strong></p>")
     lines += [f'<p class="soft">Condition: {escape(condition)}</p>' for condition in report.conditions]
@@ -62,7 +63,8 @@ def _grid(grid: Grid) -> str:
     # Tables of many columns become one card a row on a phone.
     kind = ' class="cards"' if len(grid.columns) > 4 else ""
     caption = f'<p class="caption">{escape(grid.caption)}</p>' if grid.caption else ""
-    return f'<div class="scroll"><table{kind}>{title}<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>{caption}'
+    table = f"<table{kind}>{title}<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+    return f'<div class="scroll">{table}</div>{caption}'
 
 
 def _cell(cell: Cell, column: str) -> str:
@@ -74,7 +76,8 @@ def _cell(cell: Cell, column: str) -> str:
             kind = ' class="name"' if len(text) <= 40 else ""
             return f"<td{label}{kind}><code>{_breakable(text)}</code></td>"
         case _:
-            name = "none" if cell == NOTHING else "number" if _NUMBER.fullmatch(cell) else "long" if len(cell) > 60 else ""
+            name = "number" if _NUMBER.fullmatch(cell) else "long" if len(cell) > 60 else ""
+            name = "none" if cell == NOTHING else name
             kind = f' class="{name}"' if name else ""
             return f"<td{label}{kind}>{escape(cell)}</td>"
 

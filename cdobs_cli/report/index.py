@@ -47,11 +47,11 @@ class IndexEntry:
     def of(report: Report, folder: str, pictures: Sequence[str], *, seconds: float | None = None) -> IndexEntry:
         """The entry of a report whose files stand in `folder`, relative to the page; `pictures` are the names
         of the figures that are there."""
-        named = report.headline_bound
+        name, bound = report.headline_bound or (None, None)
         figure = next((name for name in ("error", "states", *pictures) if name in pictures), None)
         failed = [f"expected {what}; found {found}" for what, holds, found in report.expectations if not holds]
         return IndexEntry(
-            report.name, report.title, report.verdict, report.design.family, named[0] if named else None, named[1] if named else None,
+            report.name, report.title, report.verdict, report.design.family, name, bound,
             f"{folder}/report.html", f"{folder}/figures/{figure}.svg" if figure else None,
             not failed if report.expectations else report.status == "proved",
             "; ".join(failed) or (report.sentence if report.design.outcome == "none" else ""), seconds,
@@ -61,18 +61,19 @@ class IndexEntry:
 def index_page(entries: Sequence[IndexEntry], title: str = "Observers") -> bytes:
     """The page; entries keep their order until a heading is clicked."""
     counts = Counter(entry.verdict for entry in entries)
-    summary = ", ".join(f"{counts[verdict]} {verdict}" for verdict in sorted(counts, key=lambda verdict: (-_RANK.get(verdict, 9), verdict)))
-    columns = ("spec", "family", "verdict", "as expected", "bracket", "picture")
-    sortable = {"spec", "family", "verdict", "as expected", "bracket"}
-    head = "".join(
-        f'<th scope="col">{f"""<button type="button">{column}</button>""" if column in sortable else column}</th>' for column in columns
-    )
+    order = sorted(counts, key=lambda verdict: (-_RANK.get(verdict, 9), verdict))
+    summary = ", ".join(f"{counts[verdict]} {verdict}" for verdict in order)
+    sortable = ("spec", "family", "verdict", "as expected", "bracket")
+    heads = [*(f'<button type="button">{column}</button>' for column in sortable), "picture"]
+    head = "".join(f'<th scope="col">{column}</th>' for column in heads)
+    count = f"{len(entries)} spec{'' if len(entries) == 1 else 's'}"
     largest = max((end for entry in entries for end in _finite_ends(entry.bound)), default=1.0)
     rows = "\n".join(_row(entry, largest) for entry in entries)
     body = (
-        f"<h1>{escape(title)}</h1>\n<p>{len(entries)} spec{'' if len(entries) == 1 else 's'}: {escape(summary) or 'none'}.</p>\n"
+        f"<h1>{escape(title)}</h1>\n<p>{count}: {escape(summary) or 'none'}.</p>\n"
         f'<table class="index"><thead><tr>{head}</tr></thead><tbody>\n{rows}\n</tbody></table>\n'
-        '<p class="caption">Bracket: what is proved (solid) and what is refuted (hatched); all bars share one scale.</p>'
+        '<p class="caption">Bracket: what is proved (solid) and what is refuted (hatched); '
+        "all bars share one scale.</p>"
     )
     # The small pictures are files beside the page, on a server or on a disk.
     return page(escape(title), body, wide=True, script=_SORT, images="'self' file: data:").encode()
@@ -84,17 +85,19 @@ def _row(entry: IndexEntry, largest: float) -> str:
     message = f'<br><span class="soft">{escape(entry.message)}</span>' if entry.message else ""
     seconds = f" · {number_text(entry.seconds, 3)} s" if entry.seconds is not None else ""
     expected = "" if entry.holds is None else status_badge("holds" if entry.holds else "fails")
-    picture = (
-        f'<a href="{_address(entry.link or entry.figure)}"><img src="{_address(entry.figure)}" alt="{name}"></a>' if entry.figure else ""
-    )
+    image = f'<img src="{_address(entry.figure)}" alt="{name}">'
+    picture = f'<a href="{_address(entry.link or entry.figure)}">{image}</a>' if entry.figure else ""
     proved = float_or_none(entry.bound.proved) if entry.bound else None
-    return (
-        f'<tr><td data-key="{escape(entry.name)}">{link}<br><span class="soft">{escape(entry.name)}{seconds}</span>{message}</td>'
-        f"<td>{escape(entry.family.replace('_', ' '))}</td>"
-        f'<td data-key="{_RANK.get(entry.verdict, 9)}">{status_badge(entry.verdict)}</td>'
-        f'<td data-key="{"" if entry.holds is None else int(entry.holds)}">{expected}</td>'
-        f'<td data-key="{"" if proved is None else repr(min(proved, 1e308))}">{_bracket(entry, largest)}</td><td>{picture}</td></tr>'
+    cells = (
+        (entry.name, f'{link}<br><span class="soft">{escape(entry.name)}{seconds}</span>{message}'),
+        (None, escape(entry.family.replace("_", " "))),
+        (_RANK.get(entry.verdict, 9), status_badge(entry.verdict)),
+        ("" if entry.holds is None else int(entry.holds), expected),
+        ("" if proved is None else repr(min(proved, 1e308)), _bracket(entry, largest)),
+        (None, picture),
     )
+    keys = ("" if key is None else f' data-key="{escape(str(key))}"' for key, _ in cells)
+    return f"<tr>{''.join(f'<td{key}>{cell}</td>' for key, (_, cell) in zip(keys, cells, strict=True))}</tr>"
 
 
 def _address(path: str | None) -> str:
@@ -104,10 +107,8 @@ def _address(path: str | None) -> str:
 def _bracket(entry: IndexEntry, largest: float) -> str:
     if entry.bound is None or entry.bound_name is None:
         return ""
-    text = bracket_text(entry.bound)
-    return (
-        f'{_bars(entry.bound, largest)}<strong>{escape(text)}</strong><br><span class="soft">{escape(bound_title(entry.bound_name))}</span>'
-    )
+    text, title = escape(bracket_text(entry.bound)), escape(bound_title(entry.bound_name))
+    return f'{_bars(entry.bound, largest)}<strong>{text}</strong><br><span class="soft">{title}</span>'
 
 
 def _finite_ends(bound: Bound | None) -> list[float]:
@@ -122,13 +123,13 @@ def _bars(bound: Bound, largest: float) -> str:
     proved, refuted = float_or_none(bound.proved), float_or_none(bound.refuted)
     end = min(width, max(0.0, proved * scale)) if proved is not None else 0.0
     start = min(width, max(0.0, refuted * scale)) if refuted is not None else width
-    lines = "".join(
-        f'<line x1="{x:.1f}" y1="12" x2="{min(width, x + 4):.1f}" y2="4" stroke="#D55E00" stroke-width="0.8"></line>'
-        for x in (start + 3 * step for step in range(int((width - start) / 3) + 1))
-        if x < width
-    )
+    steps = (start + 3 * step for step in range(int((width - start) / 3) + 1))
+    ends = ((x, min(width, x + 4)) for x in steps if x < width)
+    hatch = 'y1="12" x2="{:.1f}" y2="4" stroke="#D55E00" stroke-width="0.8"'
+    lines = "".join(f'<line x1="{left:.1f}" {hatch.format(right)}></line>' for left, right in ends)
+    label = escape(bracket_text(bound))
     return (
-        f'<svg class="bracket" viewBox="0 0 100 16" preserveAspectRatio="none" role="img" aria-label="{escape(bracket_text(bound))}">'
+        f'<svg class="bracket" viewBox="0 0 100 16" preserveAspectRatio="none" role="img" aria-label="{label}">'
         f'<rect x="0" y="4" width="{end:.1f}" height="8" fill="#009E73"></rect>{lines}'
         '<line x1="0" y1="14" x2="100" y2="14" stroke="currentColor" stroke-width="0.5"></line></svg>'
     )

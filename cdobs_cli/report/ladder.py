@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from cdobs_cli.certificate import Bound
+from cdobs_cli.report.numbers import bracket_text, float_or_none
 
 
 @dataclass(frozen=True)
@@ -30,14 +31,15 @@ class Ladder:
     rungs: tuple[Rung, ...]
 
 
-_CAPTION = "Solid: proved. Hatched: refuted from there on, by a counterexample at that period. Between the two nothing is known."
+_CAPTION = (
+    "Solid: proved. Hatched: refuted from there on, by a counterexample at that period. "
+    "Between the two nothing is known."
+)
 
 
 def period_ladder(bounds: Mapping[str, Bound]) -> Ladder | None:
     """The ladder of `period_max`, its methods, `period_max_any_gain` and the bounds that are periods too; None
     where no end of any is known."""
-    from cdobs_cli.report.numbers import bracket_text, float_or_none
-
     rungs = []
     for name, label in _labels(bounds).items():
         bound = bounds[name]
@@ -47,7 +49,8 @@ def period_ladder(bounds: Mapping[str, Bound]) -> Ladder | None:
     if not rungs:
         return None
     unit = next((bounds[name].unit for name in _labels(bounds)), "s")
-    return Ladder("periods", "What is known of the sampling period", _CAPTION, f"sampling period ({unit})", tuple(rungs))
+    title, x_label = "What is known of the sampling period", f"sampling period ({unit})"
+    return Ladder("periods", title, _CAPTION, x_label, tuple(rungs))
 
 
 def _labels(bounds: Mapping[str, Bound]) -> dict[str, str]:
@@ -56,22 +59,20 @@ def _labels(bounds: Mapping[str, Bound]) -> dict[str, str]:
         "tau_max": "printed theorem", "positivity_period_max": "positivity",
     }  # fmt: skip
     # Further periods that a family bounds: lmi_15_period_max is the rung "lmi 15".
-    single |= {
-        name: name.removesuffix("_period_max").replace("_", " ") for name in bounds if name.endswith("_period_max") and name not in single
-    }
+    others = [name for name in bounds if name.endswith("_period_max") and name not in single]
+    single |= {name: name.removesuffix("_period_max").replace("_", " ") for name in others}
     labels = {}
     for name, label in single.items():
         if name in bounds:
             labels[name] = label
         prefix = f"{name}."
-        methods = sorted((other for other in bounds if other.startswith(prefix)), key=lambda other: _height(bounds[other]))
-        labels |= {other: other.removeprefix(prefix).replace("_", " ") for other in methods}
+        methods = (other for other in bounds if other.startswith(prefix))
+        rising = sorted(methods, key=lambda other: _height(bounds[other]))
+        labels |= {other: other.removeprefix(prefix).replace("_", " ") for other in rising}
     return labels
 
 
 def _height(bound: Bound) -> tuple[float, float]:
     """Lowest rung first."""
-    from cdobs_cli.report.numbers import float_or_none
-
     proved, refuted = float_or_none(bound.proved), float_or_none(bound.refuted)
     return (0.0 if proved is None else proved, math.inf if refuted is None else refuted)

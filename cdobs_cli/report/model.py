@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -63,7 +63,7 @@ class Report:
     family: Family
     design: Design
     check: Check | None
-    run: Run | None
+    run: Run | None = None
     typed: TypedDynamics | None = None
     coordinates: WayBack | None = None
     expectations: tuple[tuple[str, bool, str], ...] = ()
@@ -83,7 +83,7 @@ class Report:
 
     @cached_property
     def charts(self) -> tuple[Chart | Ladder, ...]:
-        """Bracket, counterexamples, simulation, family; a family's chart takes the place of a common one of its name."""
+        """Bracket, counterexamples, simulation, family; a family's chart takes the place of another of its name."""
         from cdobs_cli.report.ladder import period_ladder
         from cdobs_cli.report.trajectories import run_charts
         from cdobs_cli.report.witnesses import witness_charts
@@ -100,8 +100,17 @@ class Report:
 
     @cached_property
     def versions(self) -> dict[str, str]:
-        """Package -> version."""
-        return installed_versions()
+        """Of this tool, of Python, and of the packages that numbers depend on."""
+        import platform
+        from importlib.metadata import PackageNotFoundError, version
+
+        from cdobs_cli import __version__
+
+        versions = {"cdobs": __version__, "python": platform.python_version()}
+        for package in _PACKAGES:
+            with suppress(PackageNotFoundError):
+                versions[package] = version(package)
+        return versions
 
     @property
     def status(self) -> Status | None:
@@ -141,21 +150,21 @@ class Report:
         """The bracket of the headline: of the period where one is known."""
         if self.check is None:
             return None
-        known = {name: bound for name, bound in self.check.bounds.items() if bound.proved is not None or bound.refuted is not None}
+        bounds = self.check.bounds.items()
+        known = {name: bound for name, bound in bounds if bound.proved is not None or bound.refuted is not None}
         name = next((name for name in (*HEADLINE_BOUNDS, *known) if name in known), None)
         return None if name is None else (name, known[name])
 
     @property
     def conditions(self) -> tuple[str, ...]:
         """What the headline takes for granted."""
-        found = []
+        conditions = []
         if self.domain and self.design.estimate.way != "everywhere":
-            found.append(self._assumption)
-        if self.check is not None and self.status == "proved":
-            bound = self.headline_bound
-            if bound is not None and bound[0] == "period_max" and self.design.sampling.is_periodic:
-                found.append("The period is constant; a smaller constant period is not implied by a larger one.")
-        return tuple(found)
+            conditions.append(self._assumption)
+        name = self.headline_bound[0] if self.headline_bound else None
+        if self.status == "proved" and name == "period_max" and self.design.sampling.is_periodic:
+            conditions.append("The period is constant; a smaller constant period is not implied by a larger one.")
+        return tuple(conditions)
 
     @property
     def domain(self) -> Domain:
@@ -178,7 +187,8 @@ class Report:
         """Every source that is named."""
         claims = self.check.claims if self.check else ()
         notes = (*self.exhibits.notes, *(table.caption for table in self.exhibits.tables))
-        return (self.family.source, self.title, *(claim.source for claim in claims), *notes, *(item[0] for item in self.expectations))
+        expected = (what for what, _, _ in self.expectations)
+        return (self.family.source, self.title, *(claim.source for claim in claims), *notes, *expected)
 
 
 def domain_text(domain: Domain) -> str:
@@ -191,43 +201,6 @@ def domain_text(domain: Domain) -> str:
     return ", ".join((*parts, *(f"{expression} ≥ 0" for expression in domain.where)))
 
 
-def build_report(
-    *,
-    name: str,
-    title: str,
-    spec_path: str,
-    plant: Plant,
-    family: Family,
-    design: Design,
-    check: Check | None,
-    run: Run | None,
-    expectations: Sequence[tuple[str, bool, str]],
-    digests: Mapping[str, str],
-    typed: TypedDynamics | None = None,
-    coordinates: WayBack | None = None,
-) -> Report:
-    """The report of one spec from its artefacts. typed, coordinates: the plant in the user's own states, and
-    the way back to them, where the spec has these."""
-    told = tuple((what, holds, re.sub(r"^: (holds|fails), ", "", found.removeprefix(what))) for what, holds, found in expectations)
-    return Report(name, title, spec_path, plant, family, design, check, run, typed, coordinates, told, dict(digests))
-
-
 def proved_envelope(family: Family, plant: Plant, design: Design, check: Check | None) -> Mapping[str, Any] | None:
     """The family's proved bound on the error over time, where there is one."""
     return None if check is None or design.outcome == "none" else family.envelope(plant, design, check)
-
-
-def installed_versions() -> dict[str, str]:
-    """Versions of this tool, of Python, and of the packages that numbers depend on."""
-    import platform
-    from importlib.metadata import PackageNotFoundError, version
-
-    from cdobs_cli import __version__
-
-    found = {"cdobs": __version__, "python": platform.python_version()}
-    for package in _PACKAGES:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            continue
-    return found

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 
-_ENTRY = re.compile(r"@(\w+)\s*\{\s*([^,\s]+)\s*,")
-_FIELD = re.compile(r"\s*(\w+)\s*=\s*")
+_ENTRY = re.compile(r"^@\w+\{(\w+),\n(.*?)^\}", re.MULTILINE | re.DOTALL)
+_FIELD = re.compile(r"^\s*(\w+)\s*=\s*\{(.*)\},?$", re.MULTILINE)
+_PARTS = ("title", "journal", "booktitle", "publisher", "institution", "year", "note")
 
 
 @dataclass(frozen=True)
@@ -24,43 +25,13 @@ class Reference:
         """`A. Author, B. Author, Title, where, year.`"""
         names = [_plain(name) for name in re.split(r"\s+and\s+", self.fields.get("author", "")) if name]
         authors = ", ".join(" ".join(reversed(name.split(", "))) for name in names)
-        where = (self.fields.get(name, "") for name in ("journal", "booktitle", "publisher", "institution"))
-        parts = [authors, self.fields.get("title", ""), *where, self.fields.get("year", ""), self.fields.get("note", "")]
+        parts = [authors, *(self.fields.get(name, "") for name in _PARTS)]
         return ", ".join(_plain(part) for part in parts if part) + "."
 
 
 def parse_bibliography(text: str) -> dict[str, Reference]:
-    """Entries by key. Reads `@type{key, field = {value}, ..}` with nested braces or quotes; what is
-    between entries is ignored."""
-    found: dict[str, Reference] = {}
-    position = 0
-    while entry := _ENTRY.search(text, position):
-        position = entry.end()
-        fields: dict[str, str] = {}
-        while name := _FIELD.match(text, position):
-            value, position = _value(text, name.end())
-            fields[name[1].lower()] = value
-            while position < len(text) and text[position] in ", \t\r\n":
-                position += 1
-        found[entry[2]] = Reference(entry[2], fields)
-    return found
-
-
-def _value(text: str, start: int) -> tuple[str, int]:
-    """A braced, quoted or bare value and where it ends."""
-    opening = text[start : start + 1]
-    if opening not in ("{", '"'):
-        bare = re.compile(r"[^,}\s]*").match(text, start)
-        assert bare is not None
-        return bare[0], bare.end()
-    depth = 0
-    for position in range(start, len(text)):
-        character = text[position]
-        depth += (character == "{") - (character == "}")
-        closes = character == "}" if opening == "{" else character == '"' and position > start
-        if depth == 0 and closes:
-            return " ".join(text[start + 1 : position].split()), position + 1
-    return text[start + 1 :], len(text)
+    """Entries by key: `@type{key,` on a line, then each `field = {value},` on one, then `}`."""
+    return {entry[1]: Reference(entry[1], dict(_FIELD.findall(entry[2]))) for entry in _ENTRY.finditer(text)}
 
 
 def _plain(text: str) -> str:

@@ -8,22 +8,24 @@ from typing import Any
 
 from cdobs_cli.certificate import Bound, Claim, Witness
 from cdobs_cli.chart import Table
-from cdobs_cli.report.blocks import Block, Bullets, Cell, Code, Grid, Listing, Mark, Mathematics, Paragraph, Picture, Section
+from cdobs_cli.report import systems
+from cdobs_cli.report.blocks import (
+    Block,
+    Bullets,
+    Cell,
+    Code,
+    Grid,
+    Listing,
+    Mark,
+    Mathematics,
+    Paragraph,
+    Picture,
+    Section,
+)
 from cdobs_cli.report.ladder import Ladder
 from cdobs_cli.report.model import Report, bound_title, domain_text
 from cdobs_cli.report.numbers import NOTHING, about_text, end_text, ends_text, margin_text, number_text
 from cdobs_cli.report.references import cited
-from cdobs_cli.report.systems import (
-    flow_equations,
-    gain_equations,
-    held_equations,
-    jump_equations,
-    map_equations,
-    output_equations,
-    plant_equations,
-    typed_equations,
-    typed_outputs,
-)
 from cdobs_cli.report.witnesses import witness_name
 from cdobs_cli.run import RunSummary
 
@@ -33,25 +35,25 @@ _SIMULATION_CHARTS = ("states", "typed_states", "error", "sampling")
 
 def sections(report: Report) -> tuple[Section, ...]:
     """All sections that have something to say."""
-    made = (
-        _plant(report), _measurement(report), _observer(report), _theorem(report), _claims(report), _bounds(report), _witnesses(report),
-        _simulation(report), _exhibits(report), _expectations(report), _reproduce(report), _references(report),
+    every = (
+        _plant(report), _measurement(report), _observer(report), _theorem(report), _claims(report), _bounds(report),
+        _witnesses(report), _simulation(report), _exhibits(report), _expectations(report), _reproduce(report),
+        _references(report),
     )  # fmt: skip
-    return tuple(section for section in made if section.blocks)
+    return tuple(section for section in every if section.blocks)
 
 
 def _plant(report: Report) -> Section:
     plant = report.plant
-    blocks: list[Block] = [*_typed(report), Mathematics(plant_equations(plant))]
-    inputs = [
-        f"{source.name} in [{source.range.lower or '−∞'}, {source.range.upper or '∞'}]" if source.range else source.name
-        for source in plant.inputs
-    ]
+    blocks: list[Block] = [*_typed(report), Mathematics(systems.plant_equations(plant))]
+    ranges = ((one.name, one.range) for one in plant.inputs)
+    inputs = [f"{name} in [{ends.lower or '−∞'}, {ends.upper or '∞'}]" if ends else name for name, ends in ranges]
     if inputs:
         blocks.append(Paragraph(f"Known inputs: {', '.join(inputs)}."))
     for box, letter, what in ((plant.disturbance, "d", "Disturbance"), (plant.noise, "v", "Measurement noise")):
         if box is not None:
-            ends = ", ".join(f"{letter}{i + 1} in [{low}, {up}]" for i, (low, up) in enumerate(zip(box.lower, box.upper, strict=True)))
+            pairs = enumerate(zip(box.lower, box.upper, strict=True), start=1)
+            ends = ", ".join(f"{letter}{i} in [{low}, {up}]" for i, (low, up) in pairs)
             blocks.append(Paragraph(f"{what}: {ends}."))
     if report.domain:
         blocks.append(Paragraph(f"Domain: {domain_text(report.domain)}."))
@@ -65,9 +67,9 @@ def _typed(report: Report) -> tuple[Block, ...]:
     typed, coordinates = report.typed, report.coordinates
     return (
         Paragraph("As typed:"),
-        Mathematics((*typed_equations(typed), *(typed_outputs(typed)))),
+        Mathematics((*systems.typed_equations(typed), *(systems.typed_outputs(typed)))),
         Paragraph("In the coordinates"),
-        Mathematics(map_equations(coordinates.names, coordinates.map)),
+        Mathematics(systems.map_equations(coordinates.names, coordinates.map)),
         Paragraph("the plant is"),
     )
 
@@ -84,14 +86,13 @@ def _slopes(report: Report) -> tuple[Block, ...]:
             low, up = (end_text(found[0], 8, up=False), end_text(found[1], 8, up=True)) if found else (NOTHING, NOTHING)
             declared = f"auto: [{low}, {up}]"
         status: Cell = Mark(claim.status) if claim else "not checked"
-        rows.append((f"∂φ{i + 1}/∂{plant.states[j]}", declared, status, margin_text(claim.margin) if claim else NOTHING))
+        margin = margin_text(claim.margin) if claim else NOTHING
+        rows.append((f"∂φ{i + 1}/∂{plant.states[j]}", declared, status, margin))
     if not rows:
         return (Paragraph("The plant is linear: no slope is claimed."),)
     where = "on the domain" if report.domain else "everywhere"
-    grid = Grid(
-        ("slope", "claimed range", "status", "margin"), tuple(rows), "Slopes", f"Bounds of the nonlinearity's slopes, claimed {where}."
-    )
-    return (grid,)
+    caption = f"Bounds of the nonlinearity's slopes, claimed {where}."
+    return (Grid(("slope", "claimed range", "status", "margin"), tuple(rows), "Slopes", caption),)
 
 
 def _measurement(report: Report) -> Section:
@@ -99,7 +100,7 @@ def _measurement(report: Report) -> Section:
     text = f"Samples are taken {designed.text('s')}."
     if designed != typed and not typed.is_updated:
         text += f" This is the law designed for; the spec asks for samples {typed.text('s')} at least."
-    return Section("Measurement", (Mathematics(output_equations(report.plant)), Paragraph(text)))
+    return Section("Measurement", (Mathematics(systems.output_equations(report.plant)), Paragraph(text)))
 
 
 def _observer(report: Report) -> Section:
@@ -107,15 +108,18 @@ def _observer(report: Report) -> Section:
     if design.outcome == "none":
         return Section("Observer", (Paragraph(f"No design was found. {design.reason or ''}".strip()),))
     origin = "found by the search" if design.outcome == "found" else "given in the spec"
-    blocks: list[Block] = [Paragraph(f"Family {report.family.model_dump().get('family', design.family)}; the gain was {origin}.")]
+    blocks: list[Block] = [
+        Paragraph(f"Family {report.family.model_dump().get('family', design.family)}; the gain was {origin}.")
+    ]
     if report.observer is not None:
-        blocks += [Paragraph("Between samples:"), Mathematics(flow_equations(report.observer))]
-        if jumps := jump_equations(report.observer):
+        blocks += [Paragraph("Between samples:"), Mathematics(systems.flow_equations(report.observer))]
+        if jumps := systems.jump_equations(report.observer):
             blocks += [Paragraph("At a sample:"), Mathematics(jumps)]
-        if held := held_equations(report.observer):
+        if held := systems.held_equations(report.observer):
             blocks += [Paragraph("Held from one sample to the next:"), Mathematics(held)]
     if design.gain:
-        blocks += [Paragraph("The gain, in the decimals that are run and proved:"), Mathematics(gain_equations(design.gain))]
+        words = "The gain, in the decimals that are run and proved:"
+        blocks += [Paragraph(words), Mathematics(systems.gain_equations(design.gain))]
     return Section("Observer", tuple(blocks))
 
 
@@ -124,7 +128,8 @@ def _theorem(report: Report) -> Section:
     proof = report.proof
     if proof is not None:
         method = f" by the method {proof.method}" if proof.method else ""
-        blocks.append(Paragraph(f"{_verb(report)} {proof.id}{method}: {_sentence(proof.statement)} Source: {proof.source}."))
+        text = f"{_verb(report)} {proof.id}{method}: {_sentence(proof.statement)} Source: {proof.source}."
+        blocks.append(Paragraph(text))
     elif report.convergence is not None and report.convergence.by:
         blocks.append(Paragraph(f"{_verb(report)} {report.convergence.by}. Source: {report.convergence.source}."))
     return Section("Theorem", tuple(blocks))
@@ -146,10 +151,8 @@ def _claims(report: Report) -> Section:
     for claim in sorted(report.check.claims, key=lambda claim: claim.kind):
         groups[_group(claim)].append(claim)
     columns = ("claim", "status", "statement", "margin", "method", "source")
-    grids = (
-        Grid(columns, tuple(_claim_row(claim) for claim in claims), title, _GROUPS[title]) for title, claims in groups.items() if claims
-    )
-    return Section("Claims", tuple(grids))
+    told = ((title, tuple(map(_claim_row, claims))) for title, claims in groups.items() if claims)
+    return Section("Claims", tuple(Grid(columns, rows, title, _GROUPS[title]) for title, rows in told))
 
 
 _GROUPS = {
@@ -162,9 +165,8 @@ _GROUPS = {
 
 
 def _group(claim: Claim) -> str:
-    if claim.required:
-        return "Required"
-    return {"assumption": "Assumptions", "certificate": "Certificates", "printed": "Printed in the paper"}.get(claim.kind, "Further claims")
+    titles = {"assumption": "Assumptions", "certificate": "Certificates", "printed": "Printed in the paper"}
+    return "Required" if claim.required else titles.get(claim.kind, "Further claims")
 
 
 def _claim_row(claim: Claim) -> tuple[Cell, ...]:
@@ -214,15 +216,16 @@ def witness_text(witness: Witness) -> str:
     if witness.kind == "vector" and not witness.values:
         return "these numbers defeat the claim."
     growth = f" The error grows by {witness.multiplier} in size from period to period." if witness.multiplier else ""
-    about = "It concerns the class: some plant with these slopes." if witness.about == "class" else "It concerns the plant as typed."
-    return f"{kind}.{growth} {about}"
+    about = "the class: some plant with these slopes" if witness.about == "class" else "the plant as typed"
+    return f"{kind}.{growth} It concerns {about}."
 
 
 def _data(witness: Witness) -> Grid:
     """What a family stored with a counterexample."""
     rows = tuple(_flat("", witness.data))
     shown = tuple((name, Code(text)) for name, text in rows[:MAX_RUN_ROWS])
-    return Grid(("quantity", "value"), shown, "", f"The first {MAX_RUN_ROWS} of {len(rows)}." if len(rows) > MAX_RUN_ROWS else "")
+    caption = f"The first {MAX_RUN_ROWS} of {len(rows)}." if len(rows) > MAX_RUN_ROWS else ""
+    return Grid(("quantity", "value"), shown, "", caption)
 
 
 def _flat(name: str, value: Any) -> Iterator[tuple[str, str]]:
@@ -257,23 +260,30 @@ def _simulation(report: Report) -> Section:
     if report.run is None:
         return Section("Simulation", ())
     overall, runs = report.run.overall, report.run.summaries
-    blocks: list[Block] = []
     rows = [_run_row(str(index + 1), summary) for index, summary in enumerate(runs[:MAX_RUN_ROWS])]
     if len(runs) > 1:
         rows.append(_run_row("all", overall))
-    columns = ("run", "samples", "shortest period (s)", "longest period (s)", "final error", "RMSE", "inclusion margin", "outcome")
+    periods = ("shortest period (s)", "longest period (s)")
+    columns = ("run", "samples", *periods, "final error", "RMSE", "inclusion margin", "outcome")
     caption = f"The first {MAX_RUN_ROWS} of {len(runs)} runs." if len(runs) > MAX_RUN_ROWS else ""
-    blocks.append(Grid(columns, tuple(rows), "", caption))
+    blocks: list[Block] = [Grid(columns, tuple(rows), "", caption)]
     blocks += [Picture(chart) for chart in report.charts if chart.name in _SIMULATION_CHARTS]
     return Section("Simulation", tuple(blocks))
 
 
 def _run_row(name: str, summary: RunSummary) -> tuple[Cell, ...]:
     rmse = ", ".join(f"{state} {number_text(value, 4)}" for state, value in summary.rmse.items()) or NOTHING
-    outcome = summary.stopped or ("diverged" if summary.diverged else "left the domain" if summary.left_domain else "completed")
+    ended = "diverged" if summary.diverged else "left the domain" if summary.left_domain else "completed"
     numbers = (summary.period_min, summary.period_max, summary.error_final)
     margin = number_text(summary.inclusion_margin, 4)
-    return name, str(summary.measurements), *(number_text(value) for value in numbers), rmse, margin, outcome
+    return (
+        name,
+        str(summary.measurements),
+        *(number_text(value) for value in numbers),
+        rmse,
+        margin,
+        summary.stopped or ended,
+    )
 
 
 def _exhibits(report: Report) -> Section:
@@ -296,9 +306,8 @@ def _cell_texts(cell: str | float | int | Bound | None) -> tuple[str, ...]:
 
 
 def _expectations(report: Report) -> Section:
-    rows: tuple[tuple[Cell, ...], ...] = tuple(
-        (what, Mark("holds" if holds else "fails"), found) for what, holds, found in report.expectations
-    )
+    marked = ((what, Mark("holds" if holds else "fails"), found) for what, holds, found in report.expectations)
+    rows: tuple[tuple[Cell, ...], ...] = tuple(marked)
     return Section("Expectations", (Grid(("expected", "outcome", "found"), rows),) if rows else ())
 
 
@@ -311,12 +320,9 @@ def _reproduce(report: Report) -> Section:
         blocks.append(Grid(("software", "version"), tuple(report.versions.items())))
     solver = report.design.solver
     if solver is not None:
-        blocks.append(
-            Paragraph(
-                f"The search used {solver.name} {solver.version} ({solver.status}, {solver.iterations} iterations); "
-                "its answer is no evidence: every claim above is proved again from the printed decimals."
-            )
-        )
+        how = f"{solver.name} {solver.version} ({solver.status}, {solver.iterations} iterations)"
+        evidence = "its answer is no evidence: every claim above is proved again from the printed decimals."
+        blocks.append(Paragraph(f"The search used {how}; {evidence}"))
     return Section("How to reproduce", tuple(blocks))
 
 

@@ -7,8 +7,8 @@ from html import escape
 SYMBOLS = {"proved": "✓", "refuted": "✗", "undecided": "?", "holds": "✓", "fails": "✗", "no design found": "✗",
     "not checked": "·", "invalid": "!", "failed": "!"}  # fmt: skip
 STATUS_CLASSES = {
-    "proved": "proved", "holds": "proved", "refuted": "refuted", "fails": "refuted", "failed": "refuted", "invalid": "refuted",
-    "no design found": "refuted", "undecided": "undecided",
+    **dict.fromkeys(("proved", "holds"), "proved"), "undecided": "undecided",
+    **dict.fromkeys(("refuted", "fails", "failed", "invalid", "no design found"), "refuted"),
 }  # fmt: skip
 
 

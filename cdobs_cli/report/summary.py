@@ -33,7 +33,11 @@ def summary_lines(report: Report) -> list[str]:
             lines.append(f"  {name}: {ends_sentence(bound)}{method}")
     lines += [f"  condition: {condition}" for condition in report.conditions]
     lines += _claim_lines(report)
-    lines += [f"  {'holds' if holds else 'fails'} expect {what}: {found}" for what, holds, found in report.expectations if not holds]
+    lines += [
+        f"  {'holds' if holds else 'fails'} expect {what}: {found}"
+        for what, holds, found in report.expectations
+        if not holds
+    ]
     return lines
 
 

@@ -53,7 +53,8 @@ def _block(block: Block) -> str:
         case Grid():
             return _grid(block)
         case Picture(chart):
-            return f"![{escape(chart.title)}](figures/{chart.name}.svg)\n\n*{escape(chart.title)}.* {escape(chart.caption)}"
+            title = escape(chart.title)
+            return f"![{title}](figures/{chart.name}.svg)\n\n*{title}.* {escape(chart.caption)}"
         case Listing(lines):
             return "```sh\n" + "\n".join(printable.printable(line).replace("```", "") for line in lines) + "\n```"
     raise TypeError(type(block).__name__)

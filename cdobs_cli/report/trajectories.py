@@ -6,14 +6,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Protocol
 
+import numpy as np
+
+from cdobs_cli.arrays import Array
 from cdobs_cli.chart import Chart, Panel, Series, SeriesKind
 from cdobs_cli.plant import Plant
-from cdobs_cli.report.equations import GREEK
+from cdobs_cli.report.equations import GREEK, latex, name_formula
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from cdobs_cli.exact.expression import Expression
     from cdobs_cli.run import Run, Trajectory
 
@@ -24,8 +24,6 @@ MAX_STEMS = 150
 
 def axis_name(name: str) -> str:
     r"""A state's name for an axis: `theta` is $\theta$, `x1` is $x_{1}$; other words as they are."""
-    from cdobs_cli.report.equations import latex, name_formula
-
     stem = name.rstrip("0123456789").removesuffix("_")
     if len(stem) == 1 or stem in GREEK:
         return f"${latex(name_formula(name))}$"
@@ -41,10 +39,12 @@ class WayBack(Protocol):
     def names(self) -> tuple[str, ...]: ...
     @property
     def map(self) -> tuple[Expression, ...]: ...
-    def original_values(self, z: NDArray[np.float64]) -> NDArray[np.float64]: ...
+    def original_values(self, z: Array) -> Array: ...
 
 
-def run_charts(plant: Plant, run: Run, envelope: Mapping[str, Any] | None = None, coordinates: WayBack | None = None) -> tuple[Chart, ...]:
+def run_charts(
+    plant: Plant, run: Run, envelope: Mapping[str, Any] | None = None, coordinates: WayBack | None = None
+) -> tuple[Chart, ...]:
     """The common charts of a run; the first trajectory stands for the states, all of them for the error."""
     if not run.trajectories or len(run.trajectories[0].t) < 2:
         return ()
@@ -82,31 +82,30 @@ def typed_states_chart(coordinates: WayBack, trajectory: Trajectory) -> Chart:
     """States and estimates in the coordinates that the user typed."""
     x = coordinates.original_values(trajectory.x)
     x_hat = coordinates.original_values(trajectory.estimates["x_hat"])
-    panels = tuple(
-        Panel("time (s)", axis_name(name), (
-            Series("state", trajectory.t, x[:, j], "line", "truth"), Series("estimate", trajectory.t, x_hat[:, j], "line", "estimate"),
-        ))
-        for j, name in enumerate(coordinates.states[:MAX_PANELS])
-    )  # fmt: skip
-    return Chart("typed_states", "States and estimates as typed", "In the states of the spec, before the change of coordinates.", panels)
+    panels = []
+    for j, name in enumerate(coordinates.states[:MAX_PANELS]):
+        state = Series("state", trajectory.t, x[:, j], "line", "truth")
+        estimate = Series("estimate", trajectory.t, x_hat[:, j], "line", "estimate")
+        panels.append(Panel("time (s)", axis_name(name), (state, estimate)))
+    caption = "In the states of the spec, before the change of coordinates."
+    return Chart("typed_states", "States and estimates as typed", caption, tuple(panels))
 
 
 def _measured_states(plant: Plant) -> dict[int, tuple[int, float]]:
     """State -> (output, factor) for outputs that are a multiple of one state."""
-    found: dict[int, tuple[int, float]] = {}
+    measured: dict[int, tuple[int, float]] = {}
     for k in range(plant.p):
-        row = [float(plant.C[k, j]) for j in range(plant.n)]
-        used = [j for j, value in enumerate(row) if value != 0]
+        used = [(j, value) for j in range(plant.n) if (value := float(plant.C[k, j])) != 0]
         if len(used) == 1:
-            found.setdefault(used[0], (k, row[used[0]]))
-    return found
+            measured.setdefault(used[0][0], (k, used[0][1]))
+    return measured
 
 
 def _estimates(trajectory: Trajectory, j: int) -> tuple[Series, ...]:
     estimates = trajectory.estimates
     if "x_lower" in estimates and "x_upper" in estimates:
-        band = Series("interval estimate", trajectory.t, estimates["x_lower"][:, j], "band", "estimate", estimates["x_upper"][:, j])
-        return (band,)
+        lower, upper = estimates["x_lower"][:, j], estimates["x_upper"][:, j]
+        return (Series("interval estimate", trajectory.t, lower, "band", "estimate", upper),)
     if "x_hat" in estimates:
         return (Series("estimate", trajectory.t, estimates["x_hat"][:, j], "line", "estimate"),)
     return tuple(Series(name, trajectory.t, values[:, j], "line", "other") for name, values in estimates.items())
@@ -115,8 +114,6 @@ def _estimates(trajectory: Trajectory, j: int) -> tuple[Series, ...]:
 def error_chart(run: Run, envelope: Mapping[str, Any] | None) -> Chart | None:
     """|x - x_hat| on a logarithmic axis, with factor |e(0)| exp(-rate t) where that is proved; None without
     a point estimate."""
-    import numpy as np
-
     first = run.trajectories[0]
     if "x_hat" not in first.estimates:
         return None
@@ -142,8 +139,6 @@ def error_chart(run: Run, envelope: Mapping[str, Any] | None) -> Chart | None:
 
 def intervals_chart(trajectory: Trajectory) -> Chart | None:
     """The time from each sample to the next; None where it is constant."""
-    import numpy as np
-
     periods = np.diff(trajectory.t_k)
     if len(periods) < 2 or float(np.ptp(periods)) <= 1e-9 * float(np.max(np.abs(periods))):
         return None

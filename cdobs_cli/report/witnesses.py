@@ -29,8 +29,10 @@ def witness_chart(claim: Claim) -> Chart:
     panels = []
     for k in range(count):
         values = [float(row[k]) for row in witness.values]
-        name = "slope" if k >= len(witness.entries) else f"$v_{{{witness.entries[k][0] + 1}{witness.entries[k][1] + 1}}}$"
-        panels.append(Panel("time (s)", name, (Series("slope of the counterexample", ends, [*values, values[-1]], "steps", "refuted"),)))
+        i, j = witness.entries[k] if k < len(witness.entries) else (0, 0)
+        name = f"$v_{{{i + 1}{j + 1}}}$" if k < len(witness.entries) else "slope"
+        slope = Series("slope of the counterexample", ends, [*values, values[-1]], "steps", "refuted")
+        panels.append(Panel("time (s)", name, (slope,)))
     growth = f" The error grows by {witness.multiplier} in size over it." if witness.multiplier else ""
     caption = f"The slopes of the counterexample to {claim.id} over one repetition.{growth}"
     return Chart(witness_name(claim), "Counterexample", caption, tuple(panels))

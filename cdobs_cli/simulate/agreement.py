@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from math import isclose
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.run import Run, RunSummary, Trajectory
 from cdobs_cli.simulate.loop import View
 from cdobs_cli.simulate.summary import overall, summary
 from cdobs_cli.simulate.watch import DIVERGED, distance, outside_domain
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 _ROUNDING = 1e-9
 
@@ -24,7 +21,9 @@ def agrees(run: Run, system: HybridSystem) -> bool:
     trajectory shows: measurements, periods, errors anew; divergence, leaving the domain and the margin of the
     inclusion at least as bad as on the grid (the integrator has looked at more points than are kept)."""
     pairs = zip(run.trajectories, run.summaries, strict=True)
-    return overall(run.summaries) == run.overall and all(_is_of(one, system) and _agrees(one, system, told) for one, told in pairs)
+    return overall(run.summaries) == run.overall and all(
+        _is_of(one, system) and _agrees(one, system, told) for one, told in pairs
+    )
 
 
 def _is_of(one: Trajectory, system: HybridSystem) -> bool:
@@ -41,7 +40,7 @@ def _is_of(one: Trajectory, system: HybridSystem) -> bool:
 
 def _agrees(one: Trajectory, system: HybridSystem, told: RunSummary) -> bool:
     with np.errstate(all="ignore"):
-        nothing: NDArray[np.float64] = np.empty((0, len(one.t)))
+        nothing: Array = np.empty((0, len(one.t)))
         seen = View(one.x.T, {name: rows.T for name, rows in one.estimates.items()}, {}, {}, nothing, nothing)
         flags = {"diverged": told.diverged, "left_domain": told.left_domain}
         shown = summary(system.plant.states, one, seen, told.inclusion_margin, **flags)

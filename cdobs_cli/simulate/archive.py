@@ -11,17 +11,15 @@ import io
 import math
 import zipfile
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.lib.format import read_array_header_1_0, read_array_header_2_0, read_magic
+from numpy.typing import NDArray
 
 from cdobs_cli.codec import read
 from cdobs_cli.errors import ArtefactError
 from cdobs_cli.run import Run, RunSummary, Trajectory
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 MAX_BYTES = 2**30
 ON_GRID, AT_SAMPLES, PER_RUN = ("t", "x"), ("t_k", "y_k"), ("offsets", "sample_offsets", "stopped")
@@ -30,26 +28,29 @@ ON_GRID, AT_SAMPLES, PER_RUN = ("t", "x"), ("t_k", "y_k"), ("offsets", "sample_o
 def arrays(run: Run) -> dict[str, NDArray[Any]]:
     """Every array of a run, by key."""
     every = run.trajectories
-    first = every[0]
-    result: dict[str, NDArray[Any]] = {
-        "t": np.concatenate([one.t for one in every]),
-        "x": np.concatenate([one.x for one in every]),
-        "t_k": np.concatenate([one.t_k for one in every]),
-        "y_k": np.concatenate([one.y_k for one in every]),
+    named = [
+        {"t": one.t, "x": one.x, "t_k": one.t_k, "y_k": one.y_k, **one.estimates}
+        | {f"input.{name}": values for name, values in one.inputs.items()}
+        | {f"internal.{name}": values for name, values in one.internals.items()}
+        for one in every
+    ]
+    together = {name: np.concatenate([own[name] for own in named]) for name in named[0]}
+    return together | {
+        "offsets": np.cumsum([0, *(len(one.t) for one in every)], dtype=np.int64),
+        "sample_offsets": np.cumsum([0, *(len(one.t_k) for one in every)], dtype=np.int64),
+        "stopped": np.array([one.stopped or "" for one in every]),
     }
-    result |= {name: np.concatenate([one.estimates[name] for one in every]) for name in first.estimates}
-    result |= {f"input.{name}": np.concatenate([one.inputs[name] for one in every]) for name in first.inputs}
-    result |= {f"internal.{name}": np.concatenate([one.internals[name] for one in every]) for name in first.internals}
-    result["offsets"] = np.cumsum([0, *(len(one.t) for one in every)], dtype=np.int64)
-    result["sample_offsets"] = np.cumsum([0, *(len(one.t_k) for one in every)], dtype=np.int64)
-    result["stopped"] = np.array([one.stopped or "" for one in every])
-    return result
 
 
 def to_bytes(run: Run) -> bytes:
     """`simulation.npz`; the same run gives the same bytes."""
+    return packed(arrays(run))
+
+
+def packed(content: Mapping[str, NDArray[Any]]) -> bytes:
+    """The bytes of an .npz; the same arrays give the same bytes."""
     stream = io.BytesIO()
-    np.savez_compressed(stream, **arrays(run))  # type: ignore[arg-type]
+    np.savez_compressed(stream, **content)  # type: ignore[arg-type]
     return stream.getvalue()
 
 
@@ -62,7 +63,9 @@ def from_bytes(content: bytes, document: Mapping[str, Any]) -> Run:
     try:
         return _run(_unpacked(content), document)
     except Exception as error:  # damaged archives raise whatever zipfile, zlib, numpy and tokenize have
-        raise ArtefactError(f"simulation.npz and simulation.json are not of one run: {error}; simulate again") from error
+        raise ArtefactError(
+            f"simulation.npz and simulation.json are not of one run: {error}; simulate again"
+        ) from error
 
 
 def _unpacked(content: bytes) -> dict[str, NDArray[Any]]:
@@ -70,7 +73,9 @@ def _unpacked(content: bytes) -> dict[str, NDArray[Any]]:
     found: dict[str, NDArray[Any]] = {}
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         members = archive.infolist()
-        if sum(member.file_size for member in members) > MAX_BYTES or len({member.filename for member in members}) < len(members):
+        if sum(member.file_size for member in members) > MAX_BYTES or len(
+            {member.filename for member in members}
+        ) < len(members):
             raise ValueError("arrays that are too large or come twice")
         for member in members:
             found[member.filename.removesuffix(".npy")] = _array(archive.read(member))
@@ -99,17 +104,18 @@ def _run(stored: Mapping[str, NDArray[Any]], document: Mapping[str, Any]) -> Run
     for run in range(len(stored["offsets"]) - 1):
         on_grid = slice(int(stored["offsets"][run]), int(stored["offsets"][run + 1]))
         at_samples = slice(int(stored["sample_offsets"][run]), int(stored["sample_offsets"][run + 1]))
-        trajectories.append(
-            Trajectory(
-                stored["t"][on_grid], stored["x"][on_grid], {name: stored[name][on_grid] for name in estimates},
-                {name: stored[f"internal.{name}"][on_grid] for name in internals}, stored["t_k"][at_samples], stored["y_k"][at_samples],
-                {name: stored[f"input.{name}"][on_grid] for name in inputs}, str(stored["stopped"][run]) or None,
-            )
-        )  # fmt: skip
+        shown = {name: stored[name][on_grid] for name in ("t", "x", *names)}
+        trajectories.append(Trajectory(
+            shown["t"], shown["x"], {name: shown[name] for name in estimates},
+            {name: shown[f"internal.{name}"] for name in internals},
+            stored["t_k"][at_samples], stored["y_k"][at_samples],
+            {name: shown[f"input.{name}"] for name in inputs}, str(stored["stopped"][run]) or None,
+        ))  # fmt: skip
     summaries = read(tuple[RunSummary, ...], document["runs"])
     if len(summaries) != len(trajectories):
         raise ValueError("the numbers of runs differ")
-    return Run(tuple(trajectories), summaries, read(RunSummary, document["overall"]), read(dict[str, str], document["digests"]))
+    overall, digests = read(RunSummary, document["overall"]), read(dict[str, str], document["digests"])
+    return Run(tuple(trajectories), summaries, overall, digests)
 
 
 def _refuse_misshapen(stored: Mapping[str, NDArray[Any]], estimates: list[str], others: list[str]) -> None:
@@ -118,11 +124,13 @@ def _refuse_misshapen(stored: Mapping[str, NDArray[Any]], estimates: list[str], 
         if offsets.dtype != np.int64 or offsets[0] != 0 or offsets[-1] != length or not np.all(np.diff(offsets) > 0):
             raise ValueError("runs that are not one after the other")
     n, p = stored["x"].shape[1], stored["y_k"].shape[1]
-    shapes = {"t": (len(stored["t"]),), "x": (len(stored["t"]), n), "t_k": (len(stored["t_k"]),), "y_k": (len(stored["t_k"]), p)}
-    shapes |= {name: (len(stored["t"]), n) if name in estimates else (len(stored["t"]),) for name in others}
+    N, K = len(stored["t"]), len(stored["t_k"])
+    shapes = {"t": (N,), "x": (N, n), "t_k": (K,), "y_k": (K, p)}
+    shapes |= {name: (N, n) if name in estimates else (N,) for name in others}
     if any(stored[name].shape != shape or stored[name].dtype != np.float64 for name, shape in shapes.items()):
         raise ValueError("arrays of unequal lengths or types")
     if not all(np.all(np.isfinite(stored[name])) for name in ("t", "t_k")):
         raise ValueError("times that are not finite")
-    if stored["stopped"].shape != (len(stored["offsets"]) - 1,) or stored["offsets"].shape != stored["sample_offsets"].shape:
+    runs = stored["offsets"].shape
+    if stored["sample_offsets"].shape != runs or stored["stopped"].shape != (runs[0] - 1,):
         raise ValueError("the numbers of runs differ")

@@ -6,12 +6,11 @@ periods, under its disturbance and noise, up to where a bound has crossed the st
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import numpy as np
+from numpy.typing import NDArray
 
 from cdobs_cli.certificate import Witness
 from cdobs_cli.errors import UsageError
@@ -22,9 +21,6 @@ from cdobs_cli.plant import Box
 from cdobs_cli.run import Run, SimulationPlan
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.engine import simulate
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
@@ -40,18 +36,12 @@ class BoxReplay:
         first = self.run.trajectories[0]
         return {"t": first.t, "x": first.x, **first.estimates, "t_k": first.t_k, "y_k": first.y_k}
 
-    def to_bytes(self) -> bytes:
-        """`witness_<claim>_run.npz`; the same run gives the same bytes."""
-        stream = io.BytesIO()
-        np.savez_compressed(stream, **self.arrays())  # type: ignore[arg-type]
-        return stream.getvalue()
-
     def document(self) -> dict[str, Any]:
         """The figures of the run."""
         first = self.run.trajectories[0]
         return {
-            "samples": len(first.t_k), "horizon": float(first.t[-1]), "bound": self.bound, "distance_proved": self.proved,
-            "inclusion_margin": self.run.overall.inclusion_margin,
+            "samples": len(first.t_k), "horizon": float(first.t[-1]), "bound": self.bound,
+            "distance_proved": self.proved, "inclusion_margin": self.run.overall.inclusion_margin,
         }  # fmt: skip
 
 
@@ -76,7 +66,10 @@ def _plan(system: HybridSystem, law: SamplingLaw, witness: Witness) -> Simulatio
     periods = [Exact(text) for text in witness.times]
     after = Exact(data["after"])
     signals: dict[str, Expression] = {}
-    for letter, rows, box in (("d", data["disturbance"], system.plant.disturbance), ("v", data["noise"], system.plant.noise)):
+    for letter, rows, box in (
+        ("d", data["disturbance"], system.plant.disturbance),
+        ("v", data["noise"], system.plant.noise),
+    ):
         if box is not None:
             for i in range(len(box.lower)):
                 signals[f"{letter}.{i}"] = _steps([Exact(row[i]) for row in rows], periods, early=letter == "v")

@@ -8,31 +8,29 @@ on small arrays than on the arithmetic itself.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
 from functools import lru_cache
+from pathlib import Path
 from types import CodeType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from cdobs_cli.simulate import tableau
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+from cdobs_cli.arrays import Array
 
 ORDER = 8
 RTOL = 1e-11
 ATOL = 1e-12  # of the size a state has reached
 # A state that is small beside the others is resolved down to this share of the largest: below it lies rounding.
 SMALLEST_SHARE = 1e-2
-
-
-_A = [np.array(row) for row in tableau.A]
-_E5, _E3, _D = np.array(tableau.E5), np.array(tableau.E3), np.array(tableau.D)
-_A_EXTRA = [np.array(row) for row in tableau.A_EXTRA]
+# What each of these is stands in the file.
+TABLEAU: dict[str, Any] = json.loads(Path(__file__).with_name("dop853.json").read_text(encoding="utf-8"))
+C, A, E5, E3, D = (TABLEAU[name] for name in ("C", "A", "E5", "E3", "D"))
+C_EXTRA, A_EXTRA = TABLEAU["C_extra"], TABLEAU["A_extra"]
+_A, _A_EXTRA = ([np.array(row) for row in rows] for rows in (A, A_EXTRA))
+_E5, _E3, _D = np.array(E5), np.array(E3), np.array(D)
 
 
 def scalar_step(flow: Callable[..., tuple[float, ...]], size: int) -> Callable[..., Any]:
@@ -54,13 +52,13 @@ def _step_code(size: int) -> CodeType:
     parts = range(size)
     lines = ["def step(t, h, y, k0, held, floor):", *(_unpacked(name, size) for name in ("y", "k0", "floor"))]
     for s in range(1, 13):
-        lines += [f"    z_{i} = y_{i} + h * ({_combination(tableau.A[s], i)})" for i in parts]
-        lines += [_stage(s, "t + h" if s == 12 else f"t + {tableau.C[s]!r} * h", size), _unpacked(f"k{s}", size)]
+        lines += [f"    z_{i} = y_{i} + h * ({_combination(A[s], i)})" for i in parts]
+        lines += [_stage(s, "t + h" if s == 12 else f"t + {C[s]!r} * h", size), _unpacked(f"k{s}", size)]
     lines.append("    five = three = 0.0")
     for i in parts:
         lines.append(f"    scale = floor_{i} + {RTOL!r} * max(abs(y_{i}), abs(z_{i}))")
-        lines.append(f"    part = ({_combination(tableau.E5, i)}) / scale; five += part * part")
-        lines.append(f"    part = ({_combination(tableau.E3, i)}) / scale; three += part * part")
+        lines.append(f"    part = ({_combination(E5, i)}) / scale; five += part * part")
+        lines.append(f"    part = ({_combination(E3, i)}) / scale; three += part * part")
     lines.append(f"    error = h * five / sqrt((five + 0.01 * three) * {size}) if five else 0.0")
     slopes = "".join(f"k{s}, " for s in range(13))
     lines.append(f"    return ({''.join(f'z_{i}, ' for i in parts)}), k12, error, ({slopes})")
@@ -72,7 +70,7 @@ def _dense_code(size: int) -> CodeType:
     parts = range(size)
     lines = ["def dense(t, h, y, new, slopes, held):", _unpacked("y", size), _unpacked("new", size)]
     lines += [f"    {''.join(f'k{s}, ' for s in range(13))} = slopes", *(_unpacked(f"k{s}", size) for s in range(13))]
-    for extra, (c, row) in enumerate(zip(tableau.C_EXTRA, tableau.A_EXTRA, strict=True)):
+    for extra, (c, row) in enumerate(zip(C_EXTRA, A_EXTRA, strict=True)):
         lines += [f"    z_{i} = y_{i} + h * ({_combination(row, i)})" for i in parts]
         lines += [_stage(13 + extra, f"t + {c!r} * h", size), _unpacked(f"k{13 + extra}", size)]
     lines += [f"    change_{i} = new_{i} - y_{i}" for i in parts]
@@ -80,7 +78,7 @@ def _dense_code(size: int) -> CodeType:
         [f"change_{i}" for i in parts],
         [f"h * k0_{i} - change_{i}" for i in parts],
         [f"2 * change_{i} - h * (k12_{i} + k0_{i})" for i in parts],
-        *([f"h * ({_combination(row, i)})" for i in parts] for row in tableau.D),
+        *([f"h * ({_combination(row, i)})" for i in parts] for row in D),
     ]
     lines.append(f"    return ({''.join('(' + ''.join(f'{value}, ' for value in row) + '), ' for row in results)})")
     return _compiled(lines)
@@ -90,7 +88,7 @@ def _unpacked(name: str, size: int) -> str:
     return f"    {''.join(f'{name}_{i}, ' for i in range(size))} = {name}"
 
 
-def _combination(weights: tuple[float, ...], i: int) -> str:
+def _combination(weights: list[float], i: int) -> str:
     return " + ".join(f"{weight!r} * k{j}_{i}" for j, weight in enumerate(weights) if weight)
 
 
@@ -125,7 +123,7 @@ def array_step(
     z = y
     for s in range(1, 13):
         z = y + h * (_A[s] @ flat[:s]).reshape(size, runs)
-        slopes[s] = slope(t + (h if s == 12 else tableau.C[s] * h), z, held)
+        slopes[s] = slope(t + (h if s == 12 else C[s] * h), z, held)
     scale = floor + RTOL * np.maximum(np.abs(y), np.abs(z))
     five = (((_E5 @ flat).reshape(size, runs) / scale) ** 2).sum(axis=0)
     three = (((_E3 @ flat).reshape(size, runs) / scale) ** 2).sum(axis=0)
@@ -140,7 +138,7 @@ def dense_output(slope: Callable[[Any, Array], Array], t: Any, h: Any, y: Array,
     """
     every = np.concatenate([slopes, np.empty((3, *slopes.shape[1:]))])
     flat = every.reshape(16, -1)
-    for s, c, row in zip((13, 14, 15), tableau.C_EXTRA, _A_EXTRA, strict=True):
+    for s, c, row in zip((13, 14, 15), C_EXTRA, _A_EXTRA, strict=True):
         every[s] = slope(t + c * h, y + h * (row @ flat[:s]).reshape(y.shape))
     change, first, last = new - y, every[0], every[12]
     high = h * (_D @ flat).reshape(4, *y.shape)

@@ -5,10 +5,9 @@ xdot = f(t, x),  t_k <= t < t_(k+1);    y_k = C x(t_k) + v_k;    x+ = g(x-, y_k)
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from cdobs_cli.arrays import Array, Integers
 from cdobs_cli.errors import Problem, SpecError
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import HybridSystem
@@ -21,12 +20,6 @@ from cdobs_cli.simulate.sampling import Timetable
 from cdobs_cli.simulate.signals import Draws, Noise, Signals
 from cdobs_cli.simulate.summary import summarise
 from cdobs_cli.simulate.watch import Watch
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
-    Integers = NDArray[np.int64]
 
 # No input may hang: a run ends with a finding after so many samples or steps, fewer where there are many runs.
 MAX_RUNS, MAX_STATES_TOGETHER = 20_000, 400_000
@@ -50,8 +43,8 @@ def simulate(system: HybridSystem, plan: SimulationPlan, law: SamplingLaw) -> Ru
             simulation = _Simulation(system, plan, law)
             simulation.begin()
         except OverflowError as error:
-            problem = Problem(("simulation",), "a number that is too large to be simulated", str(error), "numbers below 1e308")
-            raise SpecError((problem,)) from error
+            what = "a number that is too large to be simulated"
+            raise SpecError.at(("simulation",), what, str(error), "numbers below 1e308") from error
         return simulation.run()
 
 
@@ -66,13 +59,11 @@ class _Simulation:
         self.draws = Draws(plan.seed, self.runs)
         self.noise = Noise(signals, self.draws)
         self.max_samples = min(MAX_SAMPLES, max(100, MAX_SAMPLES_TOGETHER // self.runs))
-        self.timetable = None
-        if system.observer.trigger is None:
-            self.timetable = Timetable(law, plan, self.draws, self.max_samples)
-        max_steps = min(MAX_STEPS, max(1000, MAX_STEPS_TOGETHER // self.runs))
+        chooses = system.observer.trigger is not None
+        self.timetable = None if chooses else Timetable(law, plan, self.draws, self.max_samples)
+        self.max_steps = min(MAX_STEPS, max(1000, MAX_STEPS_TOGETHER // self.runs))
         kind = OneRun if self.runs == 1 else ManyRuns
-        self.integrator = kind(self.loop, self.horizon, max_steps)
-        self.max_steps = max_steps
+        self.integrator = kind(self.loop, self.horizon, self.max_steps)
         self.watch = Watch(self.loop, self.runs)
         self.record = Record(Grid(self.horizon, self.loop.size, len(self.loop.held), self.runs))
         self.next = np.full(self.runs, self.horizon)
@@ -132,7 +123,7 @@ class _Simulation:
         after = self.loop.jump(t, y, held, measured) if jumps else y
         held_after = self.loop.hold(t, after, held)
         self.record.measured.append((runs, t, measured))
-        self.record.sides.add(index, runs, t, y, held, after, held_after)
+        self.record.sides.add(index, runs, t, np.concatenate([y, held]), np.concatenate([after, held_after]))
         progress.y[:, runs], progress.held[:, runs] = after, held_after
         if self.timetable is not None:
             self.next[runs] = self.timetable.after(runs, index, t)
@@ -141,7 +132,8 @@ class _Simulation:
         going = ~self.watch.halted[runs]
         # 1e-12 of the horizon is below what an instant can be told apart by: instants that close accumulate.
         crowded = going & (elapsed < 1e-12 * self.horizon) & (index > 0)
-        self._halt(runs[crowded], "sampling instants accumulate: the observer asks for samples faster than time can be resolved")
+        why = "sampling instants accumulate: the observer asks for samples faster than time can be resolved"
+        self._halt(runs[crowded], why)
         unready = going & ~crowded & ~(self.loop.trigger(t, after, held_after) < 0)
         self._halt(runs[unready], "the trigger is not below 0 just after a sample, so that no next sample is defined")
 
@@ -149,27 +141,28 @@ class _Simulation:
         """Turn an integrator that cannot go on into a sentence."""
         if codes.max() < End.SINGULAR:
             return
-        self._halt(runs[codes == End.EXHAUSTED], f"more than {self.max_steps} integration steps: the flow is too fast for this horizon")
+        many = f"more than {self.max_steps} integration steps: the flow is too fast for this horizon"
+        self._halt(runs[codes == End.EXHAUSTED], many)
         for run in runs[codes == End.SINGULAR]:
             largest = float(np.max(np.abs(self.progress.y[:, run])))
-            if not largest <= 1e6 * (1.0 + float(np.max(np.abs(self.record.sides.entries[0][5][:, run])))):
-                self._halt(np.array([run]), "the states grow without bound in finite time", diverged=True)
-            else:
-                self._halt(np.array([run]), "the equations are undefined or singular beyond this point", diverged=False)
+            first = self.record.sides.entries[0][4][: self.loop.size, run]
+            grown = not largest <= 1e6 * (1.0 + float(np.max(np.abs(first))))
+            singular = "the equations are undefined or singular beyond this point"
+            why = "the states grow without bound in finite time" if grown else singular
+            self._halt(np.array([run]), why, diverged=grown)
 
     def _halt(self, runs: Integers, sentence: str, *, diverged: bool = False) -> None:
-        progress = self.progress
-        for run in runs:
-            self.watch.halt(
-                int(run), float(progress.t[run]), progress.y[:, run], progress.held[:, run], sentence, diverged=diverged
-            )  # fmt: skip
+        t, y, held = self.progress.t, self.progress.y, self.progress.held
+        for run in map(int, runs):
+            self.watch.halt(run, float(t[run]), y[:, run], held[:, run], sentence, diverged=diverged)
 
     def _initial_states(self) -> Array:
         """x(0), shape (n, R): typed, or drawn uniformly from the box."""
         if self.plan.initial_state is not None:
             return _columns(self.plan.initial_state, self.runs)
         assert self.plan.initial_box is not None
-        lower, upper = _columns(self.plan.initial_box.lower, self.runs), _columns(self.plan.initial_box.upper, self.runs)
+        box = self.plan.initial_box
+        lower, upper = _columns(box.lower, self.runs), _columns(box.upper, self.runs)
         runs = np.arange(self.runs)
         shares = np.array([self.draws.at("initial", "uniform", i, runs, 0) for i in range(len(lower))])
         x: Array = lower + (upper - lower) * shares
@@ -191,18 +184,21 @@ def _columns(values: tuple[Exact, ...], runs: int) -> Array:
 
 def _refuse_impossible(system: HybridSystem, plan: SimulationPlan) -> None:
     """Raises: SpecError for what no simulation can be started from."""
+    at, needed = "simulation", {name for row in system.observer.start for name in row.variables}
+    most = max(1, min(MAX_RUNS, MAX_STATES_TOGETHER // len(system.states)))
     problems = []
     if not float(plan.horizon) > 0:
-        problems.append(Problem(("simulation", "horizon"), "a horizon above 0 is expected", str(plan.horizon)))
-    most = max(1, min(MAX_RUNS, MAX_STATES_TOGETHER // len(system.states)))
+        problems.append(Problem((at, "horizon"), "a horizon above 0 is expected", str(plan.horizon)))
     if not 1 <= plan.runs <= most:
-        problems.append(Problem(("simulation", "runs"), "a number of runs that cannot be simulated", str(plan.runs), f"1 to {most}"))
+        what = "a number of runs that cannot be simulated"
+        problems.append(Problem((at, "runs"), what, str(plan.runs), f"1 to {most}"))
     if plan.initial_state is None and plan.initial_box is None:
-        problems.append(Problem(("simulation",), "an initial state is missing", allowed="initial_state, or initial_box"))
-    needed = {name for row in system.observer.start for name in row.variables}
+        problems.append(Problem((at,), "an initial state is missing", allowed="initial_state, or initial_box"))
     if plan.initial_box is None and any(name.startswith(("lower.", "upper.")) for name in needed):
-        problems.append(Problem(("simulation", "initial_box"), "this observer starts from a known box of x(0)", "none", "initial_box"))
+        what = "this observer starts from a known box of x(0)"
+        problems.append(Problem((at, "initial_box"), what, "none", "initial_box"))
     if plan.sampling_times is not None and system.observer.trigger is not None:
-        problems.append(Problem(("simulation", "sampling_times"), "this observer chooses its sampling instants", str(plan.sampling_times)))
+        what = "this observer chooses its sampling instants"
+        problems.append(Problem((at, "sampling_times"), what, str(plan.sampling_times)))
     if problems:
         raise SpecError(tuple(problems))

@@ -13,27 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cdobs_cli.simulate.dormand_prince import (
-    ATOL,
-    RTOL,
-    SMALLEST_SHARE,
-    array_step,
-    dense_output,
-    interpolate_one,
-    next_step,
-    scalar_dense_output,
-    scalar_step,
-)  # fmt: skip
+from cdobs_cli.arrays import Array, Integers
+from cdobs_cli.simulate import dormand_prince as method
 from cdobs_cli.simulate.loop import ClosedLoop
-from cdobs_cli.simulate.trigger import first_root, polished
+from cdobs_cli.simulate.trigger import Along
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from cdobs_cli.simulate.record import Grid
-
-    Array = NDArray[np.float64]
-    Integers = NDArray[np.int64]
 
 _FLUSH = 256  # steps of a single run between two looks at divergence and stops
 
@@ -70,7 +56,7 @@ class Progress:
     def floor(self, runs: Integers) -> Array:
         """The absolute part of the error weights; `largest` is brought up to date first."""
         self.largest[:, runs] = largest = np.maximum(self.largest[:, runs], np.abs(self.y[:, runs]))
-        floor: Array = ATOL * np.maximum(largest, SMALLEST_SHARE * largest.max(axis=0)) + 1e-300
+        floor: Array = method.ATOL * np.maximum(largest, method.SMALLEST_SHARE * largest.max(axis=0)) + 1e-300
         return floor
 
 
@@ -84,7 +70,8 @@ class OneRun:
     def __init__(self, loop: ClosedLoop, horizon: float, max_steps: int) -> None:
         self.loop, self.horizon, self.max_steps = loop, horizon, max_steps
         self._flow = loop.scalar_flow()
-        self._step, self._interpolant = scalar_step(self._flow, loop.size), scalar_dense_output(self._flow, loop.size)
+        self._step = method.scalar_step(self._flow, loop.size)
+        self._interpolant = method.scalar_dense_output(self._flow, loop.size)
 
     def advance(self, runs: Integers, progress: Progress, ends: Array, grid: Grid, watch: Watch) -> Integers:
         """Flow the run to its end; returns the End code, shape (1,)."""
@@ -97,7 +84,8 @@ class OneRun:
 
         def look() -> bool:
             points = len(seen_t)
-            halted = watch(np.zeros(points, dtype=np.int64), np.array(seen_t), np.array(seen_y).T, np.repeat(progress.held, points, axis=1))
+            first, kept = np.zeros(points, dtype=np.int64), np.repeat(progress.held, points, axis=1)
+            halted = watch(first, np.array(seen_t), np.array(seen_y).T, kept)
             seen_t.clear()
             seen_y.clear()
             return bool(halted[0])
@@ -114,27 +102,26 @@ class OneRun:
             new, last, error, slopes = self._try(t, tried, y, k, held, floor)
             steps += 1
             if not error <= 1.0:
-                h = tried * min(0.9, next_step(error))
+                h = tried * min(0.9, method.next_step(error))
                 if h < smallest + 4e-16 * t:
                     code = End.SINGULAR
                     break
                 continue
-            suggested = max(h, tried * next_step(error)) if tried < h else tried * next_step(error)
+            suggested = max(h, tried * method.next_step(error)) if tried < h else tried * method.next_step(error)
             until = end if tried == left else t + tried
             if triggered or grid.next_time(0) <= until:
                 coefficients = self._dense(t, tried, y, new, slopes, held)
                 before = np.array(y)
                 if triggered:
-                    theta = first_root(self.loop.trigger, coefficients[:, :, None], before[:, None], t, tried, progress.held)[0]
-                    if theta <= 1.0:
-                        part, new = polished(
-                            self.loop.trigger, partial(self._part, t, y, k, held, floor),
-                            coefficients[:, :, None], before[:, None], np.array([t]), np.array([tried]), np.array([theta]), progress.held,
-                        )  # fmt: skip
+                    step = coefficients[:, :, None], before[:, None], np.array([t]), np.array([tried]), progress.held
+                    along = Along(self.loop.trigger, *step)
+                    theta = along.first_root()
+                    if theta[0] <= 1.0:
+                        part, new = along.polished(partial(self._part, t, y, k, held, floor), theta)
                         until, new, code = t + float(part[0]), tuple(new[:, 0].tolist()), End.TRIGGERED
                 points, places = grid.take(0, until)
                 if len(points):
-                    states = interpolate_one(coefficients, before, (points - t) / tried)
+                    states = method.interpolate_one(coefficients, before, (points - t) / tried)
                     grid.put(0, places, states, progress.held)
             h, t, y, k = suggested, until, new, last
             seen_t.append(t)
@@ -199,36 +186,28 @@ class ManyRuns:
             t, y, h, held = progress.t[ids], progress.y[:, ids], progress.h[ids], progress.held[:, ids]
             left = ends[live] - t
             tried = np.where(h >= left, left, np.where(2 * h > left, left / 2, h))
-            new, last, error, slopes = array_step(self._slope, t, tried, y, k[:, live], held, floor[:, live])
+            new, last, error, slopes = method.array_step(self._slope, t, tried, y, k[:, live], held, floor[:, live])
             progress.steps[ids] += 1
             good = error <= 1.0
             factor = _next_steps(error)
-            progress.h[ids] = np.where(
-                good, np.where(tried < h, np.maximum(h, tried * factor), tried * factor), tried * np.minimum(0.9, factor)
-            )
+            longer = np.where(tried < h, np.maximum(h, tried * factor), tried * factor)
+            progress.h[ids] = np.where(good, longer, tried * np.minimum(0.9, factor))
             done = np.zeros(live.size, dtype=bool)
             singular = ~good & (progress.h[ids] < smallest + 4e-16 * t)
             codes[live[singular]] = End.SINGULAR
             until = np.where(tried == left, ends[live], t + tried)
             w = np.flatnonzero(good)
             if w.size and (triggered or grid.any_due(ids[w], until[w])):
-
-                def slope(time: Any, state: Array, kept: Array = held[:, w]) -> Array:
-                    return self._slope(time, state, kept)
-
-                coefficients = dense_output(
-                    slope, t[w], tried[w], y[:, w], new[:, w], slopes[:, :, w]
-                )  # fmt: skip
+                along_step = t[w], tried[w], y[:, w], new[:, w], slopes[:, :, w]
+                coefficients = method.dense_output(partial(self._slope, held=held[:, w]), *along_step)
                 if triggered:
-                    theta = first_root(self.loop.trigger, coefficients, y[:, w], t[w], tried[w], held[:, w])
+                    along = Along(self.loop.trigger, coefficients, y[:, w], t[w], tried[w], held[:, w])
+                    theta = along.first_root()
                     hit = np.flatnonzero(theta <= 1.0)
                     if hit.size:
                         at = w[hit]
                         part_of = partial(self._part, t[at], y[:, at], k[:, live[at]], held[:, at], floor[:, live[at]])
-                        part, state = polished(
-                            self.loop.trigger, part_of, coefficients[:, :, hit],
-                            y[:, at], t[at], tried[at], theta[hit], held[:, at],
-                        )  # fmt: skip
+                        part, state = along.of(hit).polished(part_of, theta[hit])
                         until[at], new[:, at] = t[at] + part, state
                         codes[live[at]], done[at] = End.TRIGGERED, True
                 grid.fill(ids[w], until[w], t[w], tried[w], coefficients, y[:, w], held[:, w])
@@ -236,13 +215,14 @@ class ManyRuns:
             progress.t[moved], progress.y[:, moved], k[:, live[w]] = until[w], new[:, w], last[:, w]
             halted = watch(moved, until[w], new[:, w], held[:, w])[ids] if w.size else np.zeros(live.size, dtype=bool)
             codes[live[halted]] = End.HALTED
-            exhausted = ~halted & ~done & ~singular & (progress.steps[ids] >= self.max_steps) & (progress.t[ids] < ends[live])
+            unended = ~(halted | done | singular) & (progress.t[ids] < ends[live])
+            exhausted = unended & (progress.steps[ids] >= self.max_steps)
             codes[live[exhausted]] = End.EXHAUSTED
-            live = live[~(halted | done | singular | exhausted) & (progress.t[ids] < ends[live])]
+            live = live[unended & ~exhausted]
         return codes
 
     def _part(self, t: Array, y: Array, k: Array, held: Array, floor: Array, s: Array) -> Array:
-        return array_step(self._slope, t, s, y, k, held, floor)[0]
+        return method.array_step(self._slope, t, s, y, k, held, floor)[0]
 
 
 def _next_steps(error: Array) -> Array:
@@ -254,7 +234,7 @@ def _next_steps(error: Array) -> Array:
 
 def _first_step(y: Array, k: Array, floor: Array, horizon: float) -> float:
     """A cautious first step: the state changes by about a hundredth of its size."""
-    scale = floor + RTOL * np.abs(y)
+    scale = floor + method.RTOL * np.abs(y)
     size, rate = float(np.max(np.abs(y) / scale)), float(np.max(np.abs(k) / scale))
     if not np.isfinite(rate) or rate == 0.0:
         return 1e-3 * horizon

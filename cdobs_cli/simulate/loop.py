@@ -6,21 +6,18 @@ between samples: the controlled inputs and `t.k`, the time of the last sample.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from itertools import islice
+from typing import Any
 
 import numpy as np
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.exact.expression import Expression, Variable
 from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.simulate.signals import Signals
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
 
 LAST_SAMPLE = "t.k"
 
@@ -69,16 +66,14 @@ class ClosedLoop:
         self.size = len(system.states)
         self._signal_values = {**signals.continuous, "elapsed": Variable("t") - Variable(LAST_SAMPLE)}
         self.flow = tuple(self._closed(row) for row in system.flow)
-        noise = tuple(signals.noise)
-        outputs = tuple(f"y.{k}" for k in range(self.plant.p))
-        self._measure = self._arrays(system.measurement, noise)
-        self._jump = self._arrays(system.jump, outputs)
+        self._measure = self._arrays(system.measurement, signals.noise)
+        self._jump = self._arrays(system.jump, (f"y.{k}" for k in range(self.plant.p)))
         self._control = self._arrays(tuple(self.observer.control.values()))
         seen = [*(row for rows in self.observer.estimates.values() for row in rows), *self.observer.internals.values()]
         seen += [*(Variable(name) for name in self.controls), *signals.continuous.values()]
         self.where = self._conditions()
         seen += [*(expression for expression, _ in self.observer.stops), *self.where]
-        self._see = self._arrays(tuple(seen))
+        self._see = self._arrays(seen)
         self._trigger = None if self.observer.trigger is None else self._arrays((self.observer.trigger,))
 
     def _conditions(self) -> tuple[Expression, ...]:
@@ -92,14 +87,14 @@ class ClosedLoop:
     def _closed(self, expression: Expression) -> Expression:
         return expression.substitute(self._signal_values)
 
-    def _arrays(self, expressions: tuple[Expression, ...], further: tuple[str, ...] = ()) -> Callable[..., tuple[Any, ...]]:
+    def _arrays(self, expressions: Sequence[Expression], further: Iterable[str] = ()) -> Callable[..., tuple[Any, ...]]:
         return compile_floats([self._closed(row) for row in expressions], (*self.names, *further), arrays=True)
 
     def scalar_flow(self) -> Callable[..., tuple[float, ...]]:
         """f(t, *y, *held) over floats."""
         return compile_floats(self.flow, self.names, arrays=False)
 
-    def array_flow(self) -> Callable[[Array, Array, Array], Array]:
+    def array_flow(self) -> Callable[..., Array]:
         """f(t (R,), y (n, R), held (c, R)) -> (n, R)."""
         values = compile_floats(self.flow, self.names, arrays=True)
 
@@ -115,7 +110,8 @@ class ClosedLoop:
         if lower is not None and upper is not None:
             values |= {f"lower.{name}": row for name, row in zip(self.plant.states, lower, strict=True)}
             values |= {f"upper.{name}": row for name, row in zip(self.plant.states, upper, strict=True)}
-        values |= {f"y.{k}": row for k, row in enumerate(y)} | {"t": np.zeros(x.shape[1]), LAST_SAMPLE: np.zeros(x.shape[1])}
+        values |= {f"y.{k}": row for k, row in enumerate(y)}
+        values |= dict.fromkeys(("t", LAST_SAMPLE), np.zeros(x.shape[1]))
         compiled = compile_floats([self._closed(row) for row in self.observer.start], tuple(values), arrays=True)
         return np.concatenate([x, stacked(compiled(*values.values()), x.shape[1])])
 
@@ -137,18 +133,16 @@ class ClosedLoop:
         return value
 
     def see(self, t: Array, y: Array, held: Array) -> View:
-        values = stacked(self._see(t, *y, *held), len(t))
-        place = 0
+        rows = iter(stacked(self._see(t, *y, *held), len(t)))
 
         def take(count: int) -> Array:
-            nonlocal place
-            place += count
-            return values[place - count : place]
+            return np.array(list(islice(rows, count))).reshape(count, len(t))
 
-        estimates = {name: take(len(rows)) for name, rows in self.observer.estimates.items()}
-        internals = {name: take(1)[0] for name in self.observer.internals}
-        signals = {name: take(1)[0] for name in (*self.controls, *self.signals.continuous)}
-        return View(y[: self.plant.n], estimates, internals, signals, take(len(self.observer.stops)), take(len(self.where)))
+        estimates = {name: take(len(parts)) for name, parts in self.observer.estimates.items()}
+        internals = {name: next(rows) for name in self.observer.internals}
+        signals = {name: next(rows) for name in (*self.controls, *self.signals.continuous)}
+        stops, where = take(len(self.observer.stops)), take(len(self.where))
+        return View(y[: self.plant.n], estimates, internals, signals, stops, where)
 
 
 def stacked(values: tuple[Any, ...], points: int) -> Array:

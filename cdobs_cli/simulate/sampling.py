@@ -2,22 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from cdobs_cli.errors import Problem, SpecError
+from cdobs_cli.arrays import Array, Integers
+from cdobs_cli.errors import SpecError
 from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.run import SimulationPlan
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.loop import stacked
 from cdobs_cli.simulate.signals import Draws
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
-    Integers = NDArray[np.int64]
 
 _SLACK = 1e-9  # relative, by which a typed sequence of periods may touch the ends of its law
 
@@ -37,17 +30,14 @@ class Timetable:
         self.horizon, self.draws = float(plan.horizon), draws
         self._typed = None if plan.sampling_times is None else compile_floats([plan.sampling_times], ["t"], arrays=True)
         if not self.high > 0:
-            raise SpecError((Problem(("measurement", "sampling"), "no sampling period above 0", str(law.document()), "a positive period"),))
+            raise SpecError.at(
+                ("measurement", "sampling"), "no sampling period above 0", str(law.document()), "a positive period"
+            )
         samples = self.horizon / ((self.low + self.high) / 2)
         if self._typed is None and samples >= max_samples:
-            raise SpecError(
-                (
-                    Problem(
-                        ("simulation", "horizon"), "the horizon holds too many samples", f"about {samples:.3g} a run",
-                        f"{max_samples} a run", "shorten the horizon or lengthen the period",
-                    ),
-                )
-            )  # fmt: skip
+            found, allowed = f"about {samples:.3g} a run", f"{max_samples} a run"
+            hint = "shorten the horizon or lengthen the period"
+            raise SpecError.at(("simulation", "horizon"), "the horizon holds too many samples", found, allowed, hint)
 
     def after(self, runs: Integers, index: int, t: Array) -> Array:
         """The instants that follow sample number `index`, which was at t (len(runs),)."""
@@ -67,11 +57,6 @@ class Timetable:
         wrong = ~((period > 0) & (period >= self.low * (1 - _SLACK)) & (period <= self.high * (1 + _SLACK)))
         if wrong.any():
             first = int(np.argmax(wrong))
-            raise SpecError(
-                (
-                    Problem(
-                        ("simulation", "sampling_times"), "a period outside the sampling law",
-                        f"T_k = {period[first]:.9g} at t_k = {t[first]:.9g}", f"above 0, in [{self.low:.9g}, {self.high:.9g}]",
-                    ),
-                )
-            )  # fmt: skip
+            found = f"T_k = {period[first]:.9g} at t_k = {t[first]:.9g}"
+            allowed = f"above 0, in [{self.low:.9g}, {self.high:.9g}]"
+            raise SpecError.at(("simulation", "sampling_times"), "a period outside the sampling law", found, allowed)

@@ -8,21 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cdobs_cli.arrays import Array, Booleans, Integers
 from cdobs_cli.errors import Problem, SpecError
 from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.exact.expression import ZERO, Call, Expression, Power, Variable, power
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.plant import Plant
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
-    Integers = NDArray[np.int64]
 
 # Random functions of the language and the standard variable each one is made from.
 RANDOM = ("uniform", "normal")
@@ -37,11 +31,11 @@ class Range:
     lower: float
     upper: float
 
-    @property
-    def slack(self) -> float:
-        """What rounding may add: a signal may touch its ends."""
-        ends = [abs(end) for end in (self.lower, self.upper) if abs(end) < float("inf")]
-        return 1e-9 * max(ends, default=0.0)
+    def holds(self, values: Array) -> Booleans:
+        """Which values stay; a signal may touch its ends, up to rounding."""
+        slack = 1e-9 * max((abs(end) for end in (self.lower, self.upper) if abs(end) < np.inf), default=0.0)
+        inside: Booleans = (values >= self.lower - slack) & (values <= self.upper + slack)
+        return inside
 
 
 @dataclass(frozen=True)
@@ -76,14 +70,16 @@ class Signals:
         if plant.disturbance is not None:
             names += [f"d.{i}" for i in range(plant.n)]
         noisy = [f"v.{k}" for k in range(plant.p)] if plant.noise is not None else []
+        read, unread = ", ".join([*names, *noisy]) or None, "a signal that nothing reads"
         problems = [
-            Problem(_field(name), "a signal that nothing reads", name, ", ".join([*names, *noisy]) or None, _why_unread(name, controlled))
+            Problem(_field(name), unread, name, read, _why_unread(name, controlled))
             for name in typed
             if name not in names and name not in noisy
         ]
         continuous = {name: typed.get(name, ZERO) for name in names}
+        random = "only noise, which is drawn at samples, may be random"
         problems += [
-            Problem(_field(name), "only noise, which is drawn at samples, may be random", str(signal), "an expression of t")
+            Problem(_field(name), random, str(signal), "an expression of t")
             for name, signal in continuous.items()
             if any(isinstance(node, Call) and node.function in RANDOM for node in signal.walk())
         ]
@@ -96,15 +92,12 @@ class Signals:
         ]
         if problems:
             raise SpecError(tuple(problems))
-        ranges: list[Range] = []
-        held_ranges: list[Range] = []
-        for source in plant.inputs:
-            if source.range is not None:
-                (held_ranges if source.name in controlled else ranges).append(_range(source.name, source.range.lower, source.range.upper))
+        ranges = [_range(one.name, one.range.lower, one.range.upper) for one in plant.inputs if one.range is not None]
+        held = tuple(one for one in ranges if one.name in controlled)
         for letter, box in (("d", plant.disturbance), ("v", plant.noise)):
-            if box is not None:
-                ranges += [_range(f"{letter}.{i}", *ends) for i, ends in enumerate(zip(box.lower, box.upper, strict=True))]
-        return Signals(continuous, noise, tuple(draws), tuple(ranges), tuple(held_ranges))
+            ends = zip(box.lower, box.upper, strict=True) if box is not None else ()
+            ranges += [_range(f"{letter}.{i}", *pair) for i, pair in enumerate(ends)]
+        return Signals(continuous, noise, tuple(draws), tuple(one for one in ranges if one not in held), held)
 
     def refuse_outside(self, names: Iterable[str], t: Array, values: Mapping[str, Array]) -> None:
         """Raises: SpecError at the first time a signal is outside its declared interval.
@@ -116,19 +109,12 @@ class Signals:
             if interval.name not in wanted:
                 continue
             value = values[interval.name]
-            inside = (value >= interval.lower - interval.slack) & (value <= interval.upper + interval.slack)
+            inside = interval.holds(value)
             if not np.all(inside):
                 first = int(np.argmin(np.where(inside, np.inf, t)))
-                raise SpecError(
-                    (
-                        Problem(
-                            _field(interval.name),
-                            "the signal leaves its declared interval",
-                            f"{float(value[first]):.9g} at t = {float(t[first]):.9g}",
-                            f"[{interval.lower:.9g}, {interval.upper:.9g}]",
-                        ),
-                    )
-                )
+                found = f"{float(value[first]):.9g} at t = {float(t[first]):.9g}"
+                allowed = f"[{interval.lower:.9g}, {interval.upper:.9g}]"
+                raise SpecError.at(_field(interval.name), "the signal leaves its declared interval", found, allowed)
 
 
 class Draws:
@@ -143,15 +129,15 @@ class Draws:
         """The number `index` of each given run: uniform on [0, 1) or standard normal, shape (len(runs),)."""
         key = (purpose, channel)
         if key not in self._streams:
-            self._streams[key] = [
-                np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(run, _PURPOSES[purpose], channel)))
-                for run in range(self.runs)
-            ]
+            keys = [(run, _PURPOSES[purpose], channel) for run in range(self.runs)]
+            seeds = [np.random.SeedSequence(self.seed, spawn_key=key) for key in keys]
+            self._streams[purpose, channel] = [np.random.default_rng(seed) for seed in seeds]
             self._tables[key] = np.empty((self.runs, 0))
         while index >= self._tables[key].shape[1]:
             count = max(8, self._tables[key].shape[1])
-            block = [stream.random(count) if kind == "uniform" else stream.standard_normal(count) for stream in self._streams[key]]
-            self._tables[key] = np.concatenate([self._tables[key], np.array(block)], axis=1)
+            draw = np.random.Generator.random if kind == "uniform" else np.random.Generator.standard_normal
+            block = np.array([draw(stream, count) for stream in self._streams[key]])
+            self._tables[key] = np.concatenate([self._tables[key], block], axis=1)
         numbers: Array = self._tables[key][runs, index]
         return numbers
 
@@ -190,7 +176,9 @@ def _with_draws(node: Expression, draws: list[str]) -> Expression:
 
 
 def _range(name: str, lower: Exact | None, upper: Exact | None) -> Range:
-    return Range(name, float("-inf") if lower is None else float(lower), float("inf") if upper is None else float(upper))
+    return Range(
+        name, float("-inf") if lower is None else float(lower), float("inf") if upper is None else float(upper)
+    )
 
 
 def _field(name: str) -> tuple[str | int, ...]:

@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.run import Run, RunSummary, Trajectory
 from cdobs_cli.simulate.loop import ClosedLoop, View
 from cdobs_cli.simulate.record import Record
 from cdobs_cli.simulate.watch import Watch, outside_domain
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
-
 
 LARGEST = float(np.finfo(float).max)  # stands for infinity, which JSON does not have
 ENCLOSURE_ROUNDING = 1e-9  # of the largest value met: a state outside its bounds by less is on them
@@ -31,13 +25,15 @@ def summarise(loop: ClosedLoop, watch: Watch, record: Record, final_t: Array, fi
         loop.signals.refuse_outside(seen.signals, t, seen.signals)
         inputs = {source.name: seen.signals[source.name] for source in loop.plant.inputs}
         inputs |= {name: seen.signals[name] for name in loop.signals.continuous if name not in inputs}
-        trajectory = Trajectory(
-            t, seen.x.T, {name: rows.T for name, rows in seen.estimates.items()}, dict(seen.internals), t_k, y_k, inputs, watch.stopped[run]
-        )  # fmt: skip
-        trajectories.append(trajectory)
+        estimates = {name: rows.T for name, rows in seen.estimates.items()}
+        path = Trajectory(t, seen.x.T, estimates, dict(seen.internals), t_k, y_k, inputs, watch.stopped[run])
+        trajectories.append(path)
         margin = _margin(min(watch.margin[run], seen.margin.min()), seen) if seen.encloses else None
-        left_domain = bool(watch.left_domain[run]) or bool(outside_domain(loop.system, seen).any())
-        summaries.append(summary(loop.plant.states, trajectory, seen, margin, diverged=bool(watch.diverged[run]), left_domain=left_domain))
+        left, diverged = (
+            bool(watch.left_domain[run] or outside_domain(loop.system, seen).any()),
+            bool(watch.diverged[run]),
+        )
+        summaries.append(summary(loop.plant.states, path, seen, margin, diverged=diverged, left_domain=left))
     return Run(tuple(trajectories), tuple(summaries), overall(summaries))
 
 
@@ -51,20 +47,20 @@ def _margin(smallest: float, seen: View) -> float:
 
 
 def summary(
-    states: Sequence[str], trajectory: Trajectory, seen: View, margin: float | None, *, diverged: bool, left_domain: bool
+    states: Sequence[str], path: Trajectory, seen: View, margin: float | None, *, diverged: bool, left_domain: bool
 ) -> RunSummary:
     """The figures of one run. Periods are between its measurements, the one at t_0 included; rmse is the
     root of the time average of the squared error (trapezoids over the output grid)."""
     # Instants are good to about 1e-12: digits beyond that are rounding of the differences.
-    periods = [float(f"{period:.12g}") for period in np.diff(trajectory.t_k)]
+    periods = [float(f"{period:.12g}") for period in np.diff(path.t_k)]
     error, rmse, final = seen.error, {}, None
     if error is not None:
         final = _finite(_size(error[:, -1]))
-        means = {name: _finite(_root_mean_square(trajectory.t, row)) for name, row in zip(states, error, strict=True)}
+        means = {name: _finite(_root_mean_square(path.t, row)) for name, row in zip(states, error, strict=True)}
         rmse = {name: value for name, value in means.items() if value is not None}
     return RunSummary(
-        len(trajectory.t_k), min(periods, default=None), max(periods, default=None),
-        final, rmse, margin, diverged, left_domain, trajectory.stopped,
+        len(path.t_k), min(periods, default=None), max(periods, default=None),
+        final, rmse, margin, diverged, left_domain, path.stopped,
     )  # fmt: skip
 
 
@@ -99,14 +95,13 @@ def overall(summaries: Sequence[RunSummary]) -> RunSummary:
     }
     stops = [f"run {index + 1}: {summary.stopped}" for index, summary in enumerate(summaries) if summary.stopped]
     stopped = None if not stops else stops[0] if len(stops) == 1 else f"{stops[0]}; and {len(stops) - 1} more"
+
+    def known(name: str) -> list[float]:
+        return [value for one in summaries if (value := getattr(one, name)) is not None]
+
     return RunSummary(
-        sum(summary.measurements for summary in summaries),
-        min((summary.period_min for summary in summaries if summary.period_min is not None), default=None),
-        max((summary.period_max for summary in summaries if summary.period_max is not None), default=None),
-        max((summary.error_final for summary in summaries if summary.error_final is not None), default=None),
-        rmse,
-        min((summary.inclusion_margin for summary in summaries if summary.inclusion_margin is not None), default=None),
-        any(summary.diverged for summary in summaries),
-        any(summary.left_domain for summary in summaries),
-        stopped,
-    )
+        sum(one.measurements for one in summaries),
+        min(known("period_min"), default=None), max(known("period_max"), default=None),
+        max(known("error_final"), default=None), rmse, min(known("inclusion_margin"), default=None),
+        any(one.diverged for one in summaries), any(one.left_domain for one in summaries), stopped,
+    )  # fmt: skip

@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from cdobs_cli.arrays import Array, Booleans, Integers
 from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.simulate.loop import ClosedLoop, View
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
-    Integers = NDArray[np.int64]
 
 DIVERGED = 1e6  # times 1 + |e0|
 
@@ -38,7 +31,7 @@ class Watch:
         if error is not None:
             self.limit = DIVERGED * (1.0 + error)
 
-    def __call__(self, runs: Integers, t: Array, y: Array, held: Array) -> NDArray[np.bool_]:
+    def __call__(self, runs: Integers, t: Array, y: Array, held: Array) -> Booleans:
         """Look at points (P,), in the order of time for each run. Returns `halted`.
 
         Raises:
@@ -49,18 +42,18 @@ class Watch:
         finite = np.isfinite(y).all(axis=0)
         error = distance(seen)
         near = finite if error is None else finite & (error <= self.limit[runs])
-        reasons: list[tuple[NDArray[np.bool_], str, bool]] = [(np.logical_not(near), "the error grew beyond 1e6 (1 + |e0|)", True)]
+        reasons: list[tuple[Booleans, str]] = [(np.logical_not(near), "the error grew beyond 1e6 (1 + |e0|)")]
         # A condition that cannot be evaluated is not met.
-        reasons += [(~(row > 0), sentence, False) for row, (_, sentence) in zip(seen.stops, self.loop.observer.stops, strict=True)]
-        for interval in self.loop.signals.held_ranges:
-            value = seen.signals[interval.name]
-            outside = ~((value >= interval.lower - interval.slack) & (value <= interval.upper + interval.slack))
-            reasons.append((outside, f"the input {interval.name} that the controller sets left its declared range", False))
-        for bad, sentence, diverged in reasons:
+        stops = zip(seen.stops, self.loop.observer.stops, strict=True)
+        reasons += [(~(row > 0), sentence) for row, (_, sentence) in stops]
+        for one in self.loop.signals.held_ranges:
+            sentence = f"the input {one.name} that the controller sets left its declared range"
+            reasons.append((~one.holds(seen.signals[one.name]), sentence))
+        for number, (bad, sentence) in enumerate(reasons):
             for point in np.flatnonzero(bad) if bad.any() else ():
                 run = int(runs[point])
                 if t[point] < self.stop_t[run]:
-                    self.halt(run, float(t[point]), y[:, point], held[:, point], sentence, diverged=diverged)
+                    self.halt(run, float(t[point]), y[:, point], held[:, point], sentence, diverged=number == 0)
         going = finite & (t <= self.stop_t[runs])
         if self.loop.plant.domain:
             np.logical_or.at(self.left_domain, runs[going], outside_domain(self.loop.system, seen)[going])
@@ -86,7 +79,7 @@ def distance(seen: View) -> Array | None:
     return np.sqrt((parts * parts).sum(axis=0))  # type: ignore[no-any-return]
 
 
-def outside_domain(system: HybridSystem, seen: View) -> NDArray[np.bool_]:
+def outside_domain(system: HybridSystem, seen: View) -> Booleans:
     """Where x, or x_hat where it must stay too, is outside the declared box or breaks a `where` condition."""
     outside = (seen.where < -1e-9).any(axis=0) | np.zeros(seen.x.shape[1], dtype=bool)
     plant = system.plant

@@ -9,21 +9,18 @@ Within an arc V is constant, so every point is a matrix exponential away from th
 
 from __future__ import annotations
 
-import io
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.certificate import Witness
 from cdobs_cli.errors import UsageError
 from cdobs_cli.exact.expression import ExpressionError
+from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import HybridInclusion
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
 
 _POINTS = 24  # of an arc
 _GROWTH = 100.0  # how far the error should have grown at the end
@@ -49,19 +46,8 @@ class Replay:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """For an .npz beside the simulation's."""
-        return {
-            "t": self.t,
-            "e": self.e,
-            "V": self.V,
-            "t_k": self.t_k,
-            "entries": np.array(self.entries, dtype=np.int64).reshape(len(self.entries), 2),
-        }
-
-    def to_bytes(self) -> bytes:
-        """`witness_<claim>.npz`; the same run gives the same bytes."""
-        stream = io.BytesIO()
-        np.savez_compressed(stream, **self.arrays())  # type: ignore[arg-type]
-        return stream.getvalue()
+        entries = np.array(self.entries, dtype=np.int64).reshape(len(self.entries), 2)
+        return {"t": self.t, "e": self.e, "V": self.V, "t_k": self.t_k, "entries": entries}
 
     def document(self) -> dict[str, Any]:
         """The figures of the run."""
@@ -88,7 +74,8 @@ def replay(inclusion: HybridInclusion, witness: Witness) -> Replay:
 
     unseen = witness.kind == "vector" and "direction" in witness.data
     if not unseen and (witness.kind not in ("constant", "switching") or witness.about != "class"):
-        raise UsageError(f"a witness of kind {witness.kind} (about the {witness.about}) has no V(t) to run; constant and switching have")
+        of = f"a witness of kind {witness.kind} (about the {witness.about})"
+        raise UsageError(f"{of} has no V(t) to run; constant and switching have")
     try:
         word = Word.from_witness(witness)
     except (ValueError, KeyError, TypeError, ExpressionError) as error:
@@ -117,10 +104,10 @@ def replay(inclusion: HybridInclusion, witness: Witness) -> Replay:
     if unseen:
         words = min(words, _FEWEST)  # what rounding adds grows with any other error
     e, start = right, 0.0
+    size_of = np.linalg.norm if unseen else lambda e: abs(np.vdot(left, e))
     t, states, slopes, samples = [], [], [], [0.0]
-    measured = []
     for _ in range(words):
-        before = np.linalg.norm(e) if unseen else abs(np.vdot(left, e))
+        before = size_of(e)
         for times, flow, v, jumps in arcs:
             t.append(start + times)
             states.append(flow @ e)
@@ -129,14 +116,12 @@ def replay(inclusion: HybridInclusion, witness: Witness) -> Replay:
             if jumps:
                 e = maps.jump @ e
                 samples.append(start)
-        measured.append((np.linalg.norm(e) if unseen else abs(np.vdot(left, e))) / before)
+        multiplier = float(size_of(e) / before)
     t.append(np.array([start]))
     states.append(e[None])
     slopes.append(slopes[-1][-1:])
-    return Replay(
-        np.concatenate(t), np.concatenate(states), np.concatenate(slopes), np.array(samples), inclusion.entries,
-        float(measured[-1]), witness.multiplier,
-    )  # fmt: skip
+    run = np.concatenate(t), np.concatenate(states), np.concatenate(slopes), np.array(samples)
+    return Replay(*run, inclusion.entries, multiplier, witness.multiplier)
 
 
 def _direction(witness: Witness, size: int) -> Array:
@@ -145,8 +130,6 @@ def _direction(witness: Witness, size: int) -> Array:
     Raises:
         UsageError: it cannot be read, or is of another plant.
     """
-    from cdobs_cli.exact.numbers import Exact
-
     try:
         entries = [float(Exact(text)) for text in witness.data["direction"]]
     except (TypeError, ValueError, ZeroDivisionError, OverflowError, ExpressionError) as error:

@@ -43,6 +43,11 @@ Text = Annotated[str, BeforeValidator(_text)]
 Name = Annotated[str, AfterValidator(_identifier)]
 
 
+def unknown_key(at: FieldPath, name: str, allowed: list[str]) -> Problem:
+    """A key is quoted by its name, whatever its value."""
+    return Problem((*at, name), "unknown key", None, ", ".join(allowed), nearest(name, allowed)[2:] or None)
+
+
 class Block(BaseModel):
     """Base of the blocks. Fields that must be there are named in `required` and default to None, so that what
     is right in a block can be checked further when something else in it is wrong."""
@@ -54,7 +59,9 @@ class Block(BaseModel):
 B = TypeVar("B", bound=BaseModel)
 
 
-def read_block(model: type[B], value: Any, at: FieldPath, context: dict[str, Any]) -> tuple[B | None, set[str], list[Problem]]:
+def read_block(
+    model: type[B], value: Any, at: FieldPath, context: dict[str, Any]
+) -> tuple[B | None, set[str], list[Problem]]:
     """The block with the fields that are right, the names of those that are wrong, and the problems.
 
     The block is None where the value is no mapping, or nothing can be made of it.
@@ -62,14 +69,13 @@ def read_block(model: type[B], value: Any, at: FieldPath, context: dict[str, Any
     if not isinstance(value, dict):
         return None, set(), [Problem(at, "a mapping is expected", shown(value), ", ".join(model.model_fields))]
     problems: list[Problem] = []
+    wrong_fields: set[str] = set()
     try:
         block: B | None = model.model_validate(value, context=context)
     except ValidationError as error:
         problems = explain(error, model, value, at)
         wrong_fields = {str(item["loc"][0]) for item in error.errors(include_url=False) if item["loc"]}
         block = _partial(model, {name: entry for name, entry in value.items() if name not in wrong_fields}, context)
-    else:
-        wrong_fields = set()
     for name in getattr(model, "required", ()):
         if value.get(name) is None and name not in wrong_fields:
             problems.append(Problem((*at, name), "is required"))
@@ -92,9 +98,7 @@ def explain(error: ValidationError, model: type[BaseModel], value: Any, at: Fiel
         kind, context = item["type"], item.get("ctx", {})
         problem = Problem((*at, *path), _sentence(kind, item["msg"], context), shown(found))
         if kind == "extra_forbidden":
-            names = sorted(_allowed(model, item["loc"][:-1]))
-            # An unknown key is quoted by name, whatever its value.
-            problem = Problem(problem.field, "unknown key", None, ", ".join(names), nearest(str(item["loc"][-1]), names)[2:] or None)
+            problem = unknown_key(problem.field[:-1], str(item["loc"][-1]), sorted(_allowed(model, item["loc"][:-1])))
         elif kind == "missing":
             problem = Problem((*at, *path, *item["loc"][-1:]), "is required")
         elif kind in ("literal_error", "union_tag_invalid", "enum"):
@@ -108,22 +112,13 @@ def explain(error: ValidationError, model: type[BaseModel], value: Any, at: Fiel
 
 
 _SENTENCES = {
-    "literal_error": "one of a few values is expected",
-    "union_tag_invalid": "one of a few names is expected",
-    "dict_type": "a mapping is expected",
-    "model_type": "a mapping is expected",
-    "model_attributes_type": "a mapping is expected",
-    "mapping_type": "a mapping is expected",
-    "tuple_type": "a list is expected",
-    "list_type": "a list is expected",
+    "literal_error": "one of a few values is expected", "union_tag_invalid": "one of a few names is expected",
     "string_type": "text is expected",
-    "bool_type": "true or false is expected",
-    "bool_parsing": "true or false is expected",
-    "int_type": "an integer is expected",
-    "int_parsing": "an integer is expected",
-    "int_from_float": "an integer is expected",
-    "int_parsing_size": "an integer is expected",
-}
+    **dict.fromkeys(("dict_type", "model_type", "model_attributes_type", "mapping_type"), "a mapping is expected"),
+    **dict.fromkeys(("tuple_type", "list_type"), "a list is expected"),
+    **dict.fromkeys(("bool_type", "bool_parsing"), "true or false is expected"),
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float", "int_parsing_size"), "an integer is expected"),
+}  # fmt: skip
 
 
 def _sentence(kind: str, message: str, context: dict[str, Any]) -> str:
@@ -137,10 +132,9 @@ def _walk(value: Any, loc: tuple[str | int, ...]) -> tuple[FieldPath, Any]:
     """The typed path behind pydantic's, which also names the members of unions; and what stands there."""
     path: list[str | int] = []
     for part in loc:
-        inside: Any = value
-        known = part in inside if isinstance(inside, dict) else isinstance(inside, list) and isinstance(part, int) and part < len(inside)
-        if known:
-            value = inside[part]
+        inside = isinstance(value, list) and isinstance(part, int) and part < len(value)
+        if inside or (isinstance(value, dict) and part in value):
+            value = value[part]
             path.append(part)
     return tuple(path), value
 
@@ -149,13 +143,8 @@ def _allowed(model: type[BaseModel], loc: tuple[str | int, ...]) -> set[str]:
     """Names of the keys that the model at `loc` takes."""
     candidates = {model}
     for part in loc:
-        inner = {
-            found
-            for candidate in candidates
-            if part in candidate.model_fields
-            for found in _models(candidate.model_fields[str(part)].annotation)
-        }
-        candidates = inner or candidates
+        fields = [one.model_fields[str(part)] for one in candidates if part in one.model_fields]
+        candidates = {model for field in fields for model in _models(field.annotation)} or candidates
     return {name for candidate in candidates for name in candidate.model_fields}
 
 

@@ -5,16 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, ClassVar
 
-from pydantic import PlainValidator, ValidationInfo, WithJsonSchema
-
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.numbers import Exact
-from cdobs_cli.fields import (
-    Through,
-    Vector,
-    read_exact,
-    wrong,
-)
+from cdobs_cli.fields import ExactNumber, Through, Vector, wrong
 from cdobs_cli.plant import Box, Interval
 from cdobs_cli.spec.block import Block
 
@@ -24,14 +17,6 @@ MAX_STATES = 32
 def ordered(lower: Exact, upper: Exact) -> bool:
     """Whether lower <= upper is certain."""
     return (upper - lower).sign() in (0, 1)
-
-
-def _open_end(value: Any, info: ValidationInfo) -> Exact | None:
-    return None if value is None else read_exact(value, (info.context or {}).get("parameters"))
-
-
-_END_SCHEMA = WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}, {"type": "null"}]})
-OpenEnd = Annotated[Any, PlainValidator(_open_end), _END_SCHEMA]
 
 
 def _two(value: Any) -> Any:
@@ -46,7 +31,7 @@ def _interval(ends: tuple[Exact | None, Exact | None]) -> Interval:
     return Interval(*ends)
 
 
-IntervalField = Annotated[Interval, Through(tuple[OpenEnd, OpenEnd], _interval, _two)]
+IntervalField = Annotated[Interval, Through(tuple[ExactNumber | None, ExactNumber | None], _interval, _two)]
 
 
 class BoxBlock(Block):
@@ -69,17 +54,23 @@ def box_problems(block: BoxBlock, at: tuple[str | int, ...], length: int | None,
         if ends is None:
             yield Problem((*at, name), "is required")
         elif length is not None and len(ends) != length:
-            yield Problem((*at, name), f"one number for each {of} is expected", f"{len(ends)} numbers", f"{length} numbers")
+            yield Problem(
+                (*at, name), f"one number for each {of} is expected", f"{len(ends)} numbers", f"{length} numbers"
+            )
     if block.lower is not None and block.upper is not None:
         for i, (lower, upper) in enumerate(zip(block.lower, block.upper, strict=False)):
             if not ordered(lower, upper):
                 yield Problem((*at, "lower", i), "the lower end is above the upper end", str(lower), f"at most {upper}")
 
 
-def shape_problem(at: tuple[str | int, ...], got: tuple[int, int], want: tuple[int, int], why: str) -> Iterator[Problem]:
+def shape_problem(
+    at: tuple[str | int, ...], got: tuple[int, int], want: tuple[int, int], why: str
+) -> Iterator[Problem]:
     """A matrix of another shape."""
     if got != want:
-        yield Problem(at, "a matrix of another shape is expected", f"{got[0]} x {got[1]}", f"{want[0]} x {want[1]}, {why}")
+        yield Problem(
+            at, "a matrix of another shape is expected", f"{got[0]} x {got[1]}", f"{want[0]} x {want[1]}, {why}"
+        )
 
 
 def length_problem(at: tuple[str | int, ...], typed: Sequence[Any] | None, n: int, why: str) -> Iterator[Problem]:

@@ -10,11 +10,7 @@ from pydantic import ConfigDict, PlainValidator, ValidationInfo, WithJsonSchema
 
 from cdobs_cli.exact.expression import Call as CallNode
 from cdobs_cli.exact.expression import Constant, Expression, Number, Power, Variable
-from cdobs_cli.fields import (
-    read_expression,
-    sized,
-    wrong,
-)
+from cdobs_cli.fields import read_expression, sized, wrong
 from cdobs_cli.plant import Domain
 from cdobs_cli.spec.block import Block
 from cdobs_cli.spec.boxes import IntervalField

@@ -42,7 +42,8 @@ def _equal(value: Any, info: ValidationInfo) -> Exact | str | bool:
     return read_exact(value)
 
 
-Equal = Annotated[Any, PlainValidator(_equal), WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}, {"type": "boolean"}]})]
+_EQUAL_SCHEMA = {"anyOf": [{"type": "number"}, {"type": "string"}, {"type": "boolean"}]}
+Equal = Annotated[Any, PlainValidator(_equal), WithJsonSchema(_EQUAL_SCHEMA)]
 
 
 class ExpectBlock(Block):
@@ -90,11 +91,15 @@ class Outcome:
     found: str | None
 
     @property
+    def told(self) -> str:
+        """What was found, in words."""
+        source = f" ({self.expectation.source})" if self.expectation.source else ""
+        return f"it is {'missing or null' if self.found is None else self.found}{source}"
+
+    @property
     def text(self) -> str:
         """One sentence for people."""
-        got = "is missing or null" if self.found is None else f"is {self.found}"
-        source = f" ({self.expectation.source})" if self.expectation.source else ""
-        return f"{self.expectation}: {'holds' if self.holds else 'fails'}, it {got}{source}"
+        return f"{self.expectation}: {'holds' if self.holds else 'fails'}, {self.told}"
 
 
 def _root(quantity: str) -> str:
@@ -148,15 +153,10 @@ def _holds(expectation: Expectation, value: Any) -> bool:
     if isinstance(number, float):
         # inf and -inf; nan never gets here.
         return (expectation.relation == "at_least") == (number > 0) and expectation.relation != "equals"
-    exact = Exact(number)
-    match expectation.relation:
-        case "at_least":
-            return (exact - wanted).sign() in (0, 1)
-        case "at_most":
-            return (wanted - exact).sign() in (0, 1)
-        case _:
-            tolerance = expectation.tolerance or Exact(0)
-            return (exact - wanted + tolerance).sign() in (0, 1) and (wanted - exact + tolerance).sign() in (0, 1)
+    tolerance = expectation.tolerance or Exact(0)  # goes with equals alone
+    enough = (Exact(number) - wanted + tolerance).sign() in (0, 1)
+    little = (wanted - Exact(number) + tolerance).sign() in (0, 1)
+    return (enough or expectation.relation == "at_most") and (little or expectation.relation == "at_least")
 
 
 def _number(value: Any) -> Fraction | float | None:

@@ -9,11 +9,7 @@ from pydantic import Discriminator, Tag
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact
-from cdobs_cli.fields import (
-    NonNegativeNumber,
-    PositiveNumber,
-    Rows,
-)
+from cdobs_cli.fields import NonNegativeNumber, PositiveNumber, Rows
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.spec.block import Block
 from cdobs_cli.spec.boxes import MAX_STATES, BoxBlock, box_problems, ordered, shape_problem
@@ -48,11 +44,14 @@ def _law(value: Any) -> str:
     keys = set(value) if isinstance(value, dict) else set()
     if isinstance(value, Updated) or "updated" in keys:
         return "updated period"
-    return "varying period" if isinstance(value, Aperiodic) or keys & {"min_period", "max_period"} else "constant period"
+    varies = isinstance(value, Aperiodic) or keys & {"min_period", "max_period"}
+    return "varying period" if varies else "constant period"
 
 
 SamplingField = Annotated[
-    Annotated[Periodic, Tag("constant period")] | Annotated[Aperiodic, Tag("varying period")] | Annotated[Updated, Tag("updated period")],
+    Annotated[Periodic, Tag("constant period")]
+    | Annotated[Aperiodic, Tag("varying period")]
+    | Annotated[Updated, Tag("updated period")],
     Discriminator(_law),
 ]
 
@@ -79,9 +78,8 @@ def measurement_problems(
     outputs = None if measurement.C is None else measurement.C.shape[0]
     if plant is not None and plant.output is not None:
         if outputs is not None and outputs != len(plant.output):
-            yield Problem(
-                ("measurement", "C"), "one row for each entry of plant.output is expected", f"{outputs} rows", f"{len(plant.output)}"
-            )
+            what = "one row for each entry of plant.output is expected"
+            yield Problem(("measurement", "C"), what, f"{outputs} rows", f"{len(plant.output)}")
         outputs = len(plant.output)
     elif measurement.C is None and "C" not in wrong_fields and plant is not None and plant.dynamics is None:
         yield Problem(("measurement", "C"), "is required")
@@ -89,9 +87,8 @@ def measurement_problems(
         yield from box_problems(measurement.noise, ("measurement", "noise"), outputs, "output")
     law = measurement.sampling
     if isinstance(law, Aperiodic) and not ordered(law.shortest, law.max_period):
-        yield Problem(
-            ("measurement", "sampling", "min_period"), "min_period is above max_period", str(law.shortest), f"at most {law.max_period}"
-        )
+        at, what = ("measurement", "sampling", "min_period"), "min_period is above max_period"
+        yield Problem(at, what, str(law.shortest), f"at most {law.max_period}")
 
 
 def sampling_law(measurement: MeasurementBlock) -> SamplingLaw:

@@ -73,25 +73,17 @@ class Spec:
 
     def normalised(self) -> dict[str, Any]:
         """The content that results depend on, as JSON: exact numbers as text; comments and title do not show."""
-        typed: Plant | TypedDynamics = self.typed or self.plant
-        plant = canonical(typed)
+        plant = canonical(self.typed or self.plant)
         measurement = {name: plant.pop(name) for name in ("C", "sampling", "noise")}
-        return {
-            "plant": plant,
-            "measurement": measurement,
-            "observer": canonical(self.observer),
-            "simulation": canonical(self.simulation),
-            "expect": [canonical(entry) for entry in self.expect],
-        }
+        rest = {name: canonical(getattr(self, name)) for name in ("observer", "simulation", "expect")}
+        return {"plant": plant, "measurement": measurement, **rest}
 
 
 def canonical(value: Any) -> Any:
     """JSON-able content of a noun or block: equal for equal meaning, exact numbers as text."""
     if value is None or isinstance(value, bool | int):
         return value
-    if isinstance(value, str):
-        return str(value)
-    if isinstance(value, Exact | Expression | Fraction):
+    if isinstance(value, str | Exact | Expression | Fraction):
         return str(value)
     if isinstance(value, ExactMatrix):
         return value.texts()
@@ -141,14 +133,13 @@ class _Loader:
     def fail(self) -> SpecError:
         """All problems in the order of the text; not those about values that the reader refused."""
         refused = self.document.refused
-        kept = [
-            placed(problem, self.document) for problem in self.problems if not any(problem.field[: len(path)] == path for path in refused)
-        ]
+        own = [one for one in self.problems if not any(one.field[: len(path)] == path for path in refused)]
+        kept = [placed(problem, self.document) for problem in own]
         unique = dict.fromkeys([*self.document.problems, *kept])
-        own = self.document.file
-        told = sorted(unique, key=lambda one: (one.file != own, one.file or "", one.line or 0, one.column or 0))
+        file = self.document.file
+        told = sorted(unique, key=lambda one: (one.file != file, one.file or "", one.line or 0, one.column or 0))
         if len(told) > MAX_PROBLEMS:
-            more = Problem((), f"{len(told) - MAX_PROBLEMS} more mistakes are not shown", file=own)
+            more = Problem((), f"{len(told) - MAX_PROBLEMS} more mistakes are not shown", file=file)
             told = [*told[:MAX_PROBLEMS], more]
         return SpecError(tuple(told))
 
@@ -156,8 +147,13 @@ class _Loader:
         """Where the work is used up: coordinates cost most, and their user can save it."""
         at: FieldPath = ("plant", "coordinates") if ("plant", "coordinates") in self.document.values else ("plant",)
         hint = "type `map` and `inverse`" if self.document.value(at) == "lie" else "shorten the expressions"
-        self.problems.append(Problem(at, str(error), hint=hint))
+        self.tell(at, str(error), hint=hint)
         return self.fail()
+
+    def tell(
+        self, field: FieldPath, what: str, got: str | None = None, allowed: str | None = None, hint: str | None = None
+    ) -> None:
+        self.problems.append(Problem(field, what, got, allowed, hint))
 
     @property
     def failed(self) -> bool:
@@ -171,22 +167,21 @@ class _Loader:
     def load(self) -> Spec:
         root = self.document.root
         if not isinstance(root, dict):
-            names = ", ".join(Header.model_fields)
-            self.problems.append(Problem((), "a mapping is expected", shown(root), names))
+            self.tell((), "a mapping is expected", shown(root), ", ".join(Header.model_fields))
             raise self.fail()
         self.include_plant_file(root)
         header, _ = self.block(Header, root, (), {})
         context = self.context(root.get("plant"))
 
-        plant, plant_wrong = self.section(PlantBlock, root, "plant", context)
+        plant, plant_wrong = self.section(PlantBlock, root.get("plant"), "plant", context)
         if plant is not None:
             self.problems += plant_problems(plant, plant_wrong, context["states"], context["inputs"])
-        measurement, measurement_wrong = self.section(MeasurementBlock, root, "measurement", context)
+        measurement, measurement_wrong = self.section(MeasurementBlock, root.get("measurement"), "measurement", context)
         if measurement is not None:
             self.problems += measurement_problems(measurement, measurement_wrong, plant, context["states"])
         # The observer's own expressions are over the states that the plant ends up in.
         family = self.family(root.get("observer"), {**context, "states": context["coordinates"]})
-        simulation, simulation_wrong = self.section(SimulationBlock, root, "simulation", context)
+        simulation, simulation_wrong = self.section(SimulationBlock, root.get("simulation"), "simulation", context)
         if simulation is not None:
             law = None if measurement is None or measurement.sampling is None else sampling_law(measurement)
             self.problems += simulation_problems(
@@ -213,8 +208,8 @@ class _Loader:
             typed=typed if isinstance(typed, TypedDynamics) else None, coordinates=coordinates,
         )  # fmt: skip
 
-    def section(self, model: type[Any], root: dict[str, Any], name: str, context: dict[str, Any]) -> tuple[Any, set[str]]:
-        return (None, set()) if root.get(name) is None else self.block(model, root[name], (name,), context)
+    def section(self, model: type[Any], value: Any, name: str, context: dict[str, Any]) -> tuple[Any, set[str]]:
+        return (None, set()) if value is None else self.block(model, value, (name,), context)
 
     def include_plant_file(self, root: dict[str, Any]) -> None:
         """`plant: {file: name}`: the file's content stands in the place of the block."""
@@ -223,9 +218,8 @@ class _Loader:
             return
         at: FieldPath = ("plant", "file")
         name = plant["file"]
-        for other in plant:
-            if other != "file":
-                self.problems.append(Problem(("plant", other), "goes into the plant's file", hint="`file` stands alone"))
+        for other in (key for key in plant if key != "file"):
+            self.tell(("plant", other), "goes into the plant's file", hint="`file` stands alone")
         if not isinstance(name, str) or not name:
             self.document.problems.append(placed(Problem(at, "a file name is expected", shown(name)), self.document))
             root["plant"] = None
@@ -245,12 +239,10 @@ class _Loader:
         self.document.graft(("plant",), included)
 
     def included_problem(self, problem: Problem, at: FieldPath) -> Problem:
-        if problem.line is not None:
-            where = (problem.file, problem.line, problem.column)
-        else:
-            # The file as a whole: the place that names it is where to look.
-            where = self.document.place(at).file, self.document.place(at).line, self.document.place(at).column
-        return Problem(at, problem.what, problem.got or problem.file, problem.allowed, problem.hint, *where)
+        # What is wrong with the file as a whole is to be looked for where it is named.
+        where = problem if problem.line is not None else self.document.place(at)
+        found = problem.got or problem.file
+        return replace(problem, field=at, got=found, file=where.file, line=where.line, column=where.column)
 
     def context(self, plant: Any) -> dict[str, Any]:
         """Names for every expression below, as far as they can be read. What is wrong among them is told where
@@ -264,7 +256,7 @@ class _Loader:
             try:
                 parameters[name] = read_exact(value, dict(parameters)).expression
             except PydanticCustomError as error:
-                self.problems.append(Problem(("plant", "parameters", name), str(error), shown(value)))
+                self.tell(("plant", "parameters", name), str(error), shown(value))
                 parameters[name] = Number(1)
         coordinates = states
         if plant.get("coordinates") is not None and states is not None:
@@ -272,22 +264,20 @@ class _Loader:
         return {"parameters": parameters, "states": states, "inputs": inputs, "coordinates": coordinates}
 
     def family(self, value: Any, context: dict[str, Any]) -> Family | None:
-        at: FieldPath = ("observer",)
         if value is None:
             return None
-        names = ", ".join(FAMILIES)
         if not isinstance(value, dict):
-            self.problems.append(Problem(at, "a mapping is expected", shown(value), "family, and what it takes"))
+            self.tell(("observer",), "a mapping is expected", shown(value), "family, and what it takes")
             return None
         name = value.get("family")
         if not isinstance(name, str) or name not in FAMILIES:
             what = "is required" if name is None else "unknown family"
             hint = nearest(name, FAMILIES)[2:] or None if isinstance(name, str) else None
-            self.problems.append(Problem((*at, "family"), what, None if name is None else shown(name), names, hint))
+            found = None if name is None else shown(name)
+            self.tell(("observer", "family"), what, found, ", ".join(FAMILIES), hint)
             return None
-        block, _, problems = read_block(FAMILIES[name], value, at, context)
-        self.problems += problems
-        return block
+        family: Family | None = self.block(FAMILIES[name], value, ("observer",), context)[0]
+        return family
 
     def signalled(self, inputs: tuple[str, ...] | None, family: Family | None) -> tuple[str, ...] | None:
         """The inputs that need a signal: all but those that the observer itself sets; None: not known."""
@@ -300,7 +290,7 @@ class _Loader:
         if value is None:
             return []
         if not isinstance(value, list) or len(value) > MAX_EXPECTATIONS:
-            self.problems.append(Problem(("expect",), f"a list of at most {MAX_EXPECTATIONS} entries is expected", shown(value)))
+            self.tell(("expect",), f"a list of at most {MAX_EXPECTATIONS} entries is expected", shown(value))
             return []
         blocks = []
         for i, entry in enumerate(value):
@@ -310,7 +300,9 @@ class _Loader:
                 blocks.append(block)
         return blocks
 
-    def derive(self, typed: Plant | TypedDynamics, run: SimulationPlan | None) -> tuple[Plant, SimulationPlan | None, Coordinates | None]:
+    def derive(
+        self, typed: Plant | TypedDynamics, run: SimulationPlan | None
+    ) -> tuple[Plant, SimulationPlan | None, Coordinates | None]:
         """The plant that families see, the simulation in its coordinates, and the way back."""
         if isinstance(typed, Plant):
             return typed, run, None

@@ -10,21 +10,20 @@ from pydantic import Discriminator, Tag, WithJsonSchema
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.numbers import ExactMatrix
-from cdobs_cli.exact.parser import nearest
-from cdobs_cli.fields import (
-    Rows,
-    formula,
-    sized,
-)
+from cdobs_cli.fields import Rows, formula, sized
 from cdobs_cli.plant import Box, CoordinateMap, Domain, Input, Plant, TypedDynamics
 from cdobs_cli.sampling import SamplingLaw
-from cdobs_cli.spec.block import Block, Name
+from cdobs_cli.spec.block import Block, Name, unknown_key
 from cdobs_cli.spec.boxes import MAX_STATES, BoxBlock, IntervalField, box_problems, length_problem, shape_problem
 from cdobs_cli.spec.domain_block import DomainBlock
 from cdobs_cli.spec.slopes_block import SlopesField, slopes
 
 MAX_INPUTS = 16
 MAX_PARAMETERS = 100
+# Names that mean something else where a name of this kind stands.
+_MEANT = {
+    ("inputs", "d"): "disturbance", ("inputs", "v"): "noise", ("states", "where"): "inequalities of a domain",
+}  # fmt: skip
 
 
 class InputBlock(Block):
@@ -104,7 +103,8 @@ def plant_problems(
         if not inputs:
             yield Problem(at("B"), "needs `inputs`, none is declared")
         else:
-            yield from shape_problem(at("B"), plant.B.shape, (n, len(inputs)), "a row for each state, a column for each input")
+            rows = "a row for each state, a column for each input"
+            yield from shape_problem(at("B"), plant.B.shape, (n, len(inputs)), rows)
     for name in ("phi", "dynamics"):
         yield from length_problem(at(name), getattr(plant, name), n, "one expression for each state")
     if isinstance(plant.coordinates, MapBlock):
@@ -120,24 +120,21 @@ def plant_problems(
     if plant.domain is not None:
         for name in plant.domain.__pydantic_extra__ or {}:
             if name not in states:
-                allowed = [*states, "where"]
-                yield Problem(at("domain", name), "unknown key", None, ", ".join(allowed), nearest(name, allowed)[2:] or None)
+                yield unknown_key(at("domain"), name, [*states, "where"])
     if plant.disturbance is not None:
         yield from box_problems(plant.disturbance, at("disturbance"), n, "state")
 
 
 def _name_problems(plant: PlantBlock) -> Iterator[Problem]:
     seen: dict[str, str] = {}
-    for kind, names in (("states", plant.states or ()), ("inputs", plant.inputs or ()), ("parameters", plant.parameters or ())):
-        for i, name in enumerate(names):
+    for kind in ("states", "inputs", "parameters"):
+        for i, name in enumerate(getattr(plant, kind) or ()):
+            place: tuple[str | int, ...] = ("plant", kind, i if kind == "states" else name)
             if name in seen:
-                place: tuple[str | int, ...] = ("plant", kind, i) if kind == "states" else ("plant", kind, name)
                 yield Problem(place, f"the name {name} is already one of the {seen[name]}")
             seen.setdefault(name, kind)
-            if kind == "inputs" and name in ("d", "v"):
-                yield Problem(("plant", kind, name), f"the name {name} stands for the {'disturbance' if name == 'd' else 'noise'}")
-            if kind == "states" and name == "where":
-                yield Problem(("plant", kind, i), "the name where stands for the inequalities of a domain")
+            if (kind, name) in _MEANT:
+                yield Problem(place, f"the name {name} stands for the {_MEANT[kind, name]}")
 
 
 def typed_plant(
@@ -146,15 +143,13 @@ def typed_plant(
     """The noun behind a block without problems; `names` are of the states that A and phi are in."""
     assert plant.states is not None
     n = len(plant.states)
+    blocks = (plant.inputs or {}).items()
     common: dict[str, Any] = {
-        "states": plant.states,
-        "inputs": tuple(Input(name, None if block is None else block.range) for name, block in (plant.inputs or {}).items()),
-        "B": plant.B,
-        "sampling": sampling,
+        "states": plant.states, "B": plant.B, "sampling": sampling,
+        "inputs": tuple(Input(name, None if one is None else one.range) for name, one in blocks),
         "domain": Domain() if plant.domain is None else plant.domain.domain(),
-        "disturbance": None if plant.disturbance is None else plant.disturbance.box(),
-        "noise": noise,
-    }
+        "disturbance": None if plant.disturbance is None else plant.disturbance.box(), "noise": noise,
+    }  # fmt: skip
     if plant.dynamics is None:
         assert plant.A is not None and plant.phi is not None and C is not None
         return Plant(A=plant.A, phi=plant.phi, C=C, slopes=slopes(plant.lipschitz, n), **common).without_zero_slopes()

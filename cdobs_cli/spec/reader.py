@@ -1,15 +1,13 @@
 """YAML text to plain values, each with its line and column; hostile input is refused on the way.
 
-Built on PyYAML's events (its pure-Python parser keeps its own stack), so nothing recurses on what the user
-typed and no tag, alias or anchor is ever acted on. Scalars follow YAML 1.2: `yes`, `no`, `on`, `off` are
+Built on PyYAML's events (its pure-Python parser keeps its own stack): what the user typed is followed 16 levels
+deep and no further, and no tag, alias or anchor is ever acted on. Scalars follow YAML 1.2: `yes`, `no`, `on`, `off` are
 strings, `1e-3` is a number; decimals stay text, so that they stay exact.
 """
 
 from __future__ import annotations
 
-import os
 import re
-import stat
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,6 +16,7 @@ from typing import Any
 import yaml
 
 from cdobs_cli.errors import Problem, SpecError
+from cdobs_cli.regular import IrregularError, regular_bytes
 
 MAX_BYTES = 256 * 1024
 MAX_NODES = 20_000
@@ -127,18 +126,18 @@ def read_text(text: str, file: str) -> Document:
     if (bad := _FORBIDDEN.search(text)) is not None:
         line, column = _line_column(text, bad.start())
         raise _refusal(file, "a character that YAML does not allow", line, column, got=f"U+{ord(bad.group()):04X}")
-    builder = _Builder(file)
+    reading = _Reading(file, text)
     try:
-        for event in _events(text):
-            builder.take(event)
+        reading.read()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         what = f"not YAML: {error.problem or error.context}"
-        raise builder.stop(what, (mark.line + 1, mark.column + 1) if mark else (1, 1)) from None
+        raise reading.stop(what, (mark.line + 1, mark.column + 1) if mark else (1, 1)) from None
     except (yaml.YAMLError, ValueError, OverflowError, IndexError, TypeError, AttributeError) as error:
         # PyYAML lets a few errors of its own through, e.g. for "\U99999999" in double quotes.
-        raise builder.stop(f"not YAML: {str(error).splitlines()[0][:100] if str(error) else 'unreadable'}", builder.last) from None
-    return builder.document
+        what = str(error).splitlines()[0][:100] if str(error) else "unreadable"
+        raise reading.stop(f"not YAML: {what}", reading.last) from None
+    return reading.document
 
 
 def _events(text: str) -> Iterator[yaml.Event]:
@@ -158,29 +157,17 @@ def _refusal(file: str, what: str, line: int | None = 1, column: int | None = 1,
 def _bytes(path: Path) -> bytes:
     file = str(path)
     try:
-        _require_regular(file, os.stat(path).st_mode)  # opening a device may already do something
-        # Without O_NONBLOCK a named pipe would wait for a writer for ever.
-        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+        data = regular_bytes(path, MAX_BYTES)
     except FileNotFoundError:
         raise _refusal(file, "no such file", None, None) from None
+    except IrregularError as error:
+        raise _refusal(file, "a YAML file is expected", None, None, got=str(error)) from None
     except (OSError, ValueError) as error:
         reason = (error.strerror or "unreadable").lower() if isinstance(error, OSError) else "not a file name"
         raise _refusal(file, f"the file cannot be read: {reason}", None, None) from None
-    with os.fdopen(handle, "rb") as stream:
-        _require_regular(file, os.fstat(handle).st_mode)
-        try:
-            data = stream.read(MAX_BYTES + 1)
-        except OSError as error:
-            raise _refusal(file, f"the file cannot be read: {(error.strerror or 'unreadable').lower()}", None, None) from None
     if len(data) > MAX_BYTES:
         raise _refusal(file, "the file is too large", None, None, allowed=f"at most {MAX_BYTES} bytes")
     return data
-
-
-def _require_regular(file: str, mode: int) -> None:
-    if not stat.S_ISREG(mode):
-        got = "a directory" if stat.S_ISDIR(mode) else "not a regular file"
-        raise _refusal(file, "a YAML file is expected", None, None, got=got)
 
 
 def _decode(file: str, data: bytes) -> str:
@@ -196,32 +183,21 @@ def _line_column(text: str, position: int) -> tuple[int, int]:
     return len(before), len(before[-1]) + 1
 
 
-class _Skip:
-    """Stands where a value is not kept (a second value of a key, the value of a key that is not a name)."""
+class _Reading:
+    """The events of one text, read by descent: at most MAX_DEPTH deep."""
 
+    def __init__(self, file: str, text: str) -> None:
+        self.document, self.events = Document(file), _events(text)
+        self.around: list[FieldPath] = []  # the lists and mappings that are open
+        self.nodes, self.last = 0, (1, 1)
 
-@dataclass
-class _Frame:
-    path: FieldPath
-    container: dict[str, Any] | list[Any]
-    kept: bool
-    key: str | None = None
-    key_kept: bool = True
-    awaits_key: bool = True
-    count: int = 0
-
-
-class _Builder:
-    def __init__(self, file: str) -> None:
-        self.document = Document(file)
-        self.frames: list[_Frame] = []
-        self.nodes = 0
-        self.documents = 0
-        self.last = (1, 1)
+    @property
+    def here(self) -> Place:
+        return Place(self.document.file, *self.last)
 
     def stop(self, what: str, at: tuple[int, int], *, allowed: str | None = None, got: str | None = None) -> SpecError:
         """An error that ends the reading, with those gathered before it."""
-        path = self.frames[-1].path if self.frames else ()
+        path = self.around[-1] if self.around else ()
         problem = Problem(path, what, got, allowed, None, self.document.file, *at)
         return SpecError((*self.document.problems, problem))
 
@@ -230,74 +206,104 @@ class _Builder:
         if len(self.document.problems) >= MAX_PROBLEMS:
             raise self.stop("too many mistakes", self.last)
         self.document.refused.add(path)
-        self.document.problems.append(Problem(path, what, **more, file=self.document.file, line=self.last[0], column=self.last[1]))
+        line, column = self.last
+        self.document.problems.append(Problem(path, what, **more, file=self.document.file, line=line, column=column))
 
-    def take(self, event: yaml.Event) -> None:
-        if event.start_mark is not None:
+    def next(self) -> yaml.Event | None:
+        event = next(self.events, None)
+        if event is not None and event.start_mark is not None:
             self.last = (event.start_mark.line + 1, event.start_mark.column + 1)
-        match event:
-            case yaml.DocumentStartEvent():
-                self.documents += 1
-                if self.documents > 1:
+        return event
+
+    def read(self) -> None:
+        documents = 0
+        while (event := self.next()) is not None:
+            if isinstance(event, yaml.DocumentStartEvent):
+                documents += 1
+                if documents > 1:
                     raise self.stop("a second document", self.last, allowed="one document a file")
                 if event.tags:
                     raise self.stop("a %TAG directive", self.last, allowed="no tags")
+                self.count(1)
+                self.document.root = self.value(self.next(), (), kept=True)
+
+    def value(self, event: yaml.Event | None, path: FieldPath, *, kept: bool) -> Any:
+        """What the event begins; its place is noted where it is kept."""
+        if isinstance(event, yaml.ScalarEvent):
+            self.refuse_strange(event)
+        elif not isinstance(event, yaml.AliasEvent) and len(self.around) >= MAX_DEPTH:
+            raise self.stop("nested too deep", self.last, allowed=f"at most {MAX_DEPTH} levels")
+        if kept:
+            self.document.values[path] = self.here
+        match event:
             case yaml.AliasEvent():
-                path = self.add(None)
                 self.refuse(path, "an alias", got=f"*{(event.anchor or '')[:40]}", hint="write the value out")
             case yaml.ScalarEvent():
-                self.scalar(event)
+                self.decorations(path, event)
+                return self.scalar(event, path)
             case yaml.MappingStartEvent() | yaml.SequenceStartEvent():
-                self.open(event)
-            case yaml.MappingEndEvent() | yaml.SequenceEndEvent():
-                self.frames.pop()
+                self.decorations(path, event)
+                self.around.append(path)
+                is_list = isinstance(event, yaml.SequenceStartEvent)
+                inside: Any = self.entries(path, kept) if is_list else self.mapping(path, kept)
+                self.around.pop()
+                return inside
+        return None
 
-    def scalar(self, event: yaml.ScalarEvent) -> None:
+    def scalar(self, event: yaml.ScalarEvent, path: FieldPath) -> Any:
+        if event.style is not None or event.tag is not None:
+            return event.value
+        if _NOT_FINITE.match(event.value):
+            hint = "leave an open end of an interval out with null"
+            self.refuse(path, "a finite number is expected", got=event.value, hint=hint)
+            return None
+        return _resolve(event.value)
+
+    def entries(self, path: FieldPath, kept: bool) -> list[Any]:
+        entries: list[Any] = []
+        while not isinstance(event := self.next(), yaml.SequenceEndEvent):
+            self.count(len(entries) + 1)
+            entries.append(self.value(event, (*path, len(entries)), kept=kept))
+        return entries
+
+    def mapping(self, path: FieldPath, kept: bool) -> dict[str, Any]:
+        entries: dict[str, Any] = {}
+        keys = 0
+        while not isinstance(event := self.next(), yaml.MappingEndEvent):
+            keys += 1
+            self.count(keys)
+            name = self.key(event, path, entries, kept)
+            first = kept and name is not None and name not in entries
+            value = self.value(self.next(), (*path, "?" if name is None else name), kept=first)
+            if name is not None:
+                entries.setdefault(name, value)  # of a key that stands twice the first value is kept
+        return entries
+
+    def key(self, event: yaml.Event | None, path: FieldPath, before: dict[str, Any], kept: bool) -> str | None:
+        """A key's name; None where it is none."""
+        if not isinstance(event, yaml.ScalarEvent):
+            at = (*path, "?")
+            if isinstance(event, yaml.AliasEvent):
+                self.value(event, at, kept=False)
+            else:
+                got = "{}" if isinstance(event, yaml.MappingStartEvent) else "[]"
+                self.refuse(at, "a key is a name", got=got)
+                self.value(event, path, kept=False)  # read past
+            return None
+        self.refuse_strange(event)
+        name, at = event.value, (*path, event.value)
+        if kept and name in before:
+            self.refuse(at, f"the key {shown(name)} is already given at line {self.document.keys[at].line}")
+        elif kept:
+            self.document.keys[at] = self.here
+        self.decorations(at, event)
+        return name
+
+    def refuse_strange(self, event: yaml.ScalarEvent) -> None:
         if len(event.value) > MAX_SCALAR:
             raise self.stop("a value that is too long", self.last, allowed=f"at most {MAX_SCALAR} characters")
         if (half := _SURROGATE.search(event.value)) is not None:
             raise self.stop("half of a surrogate pair is no character", self.last, got=f"\\u{ord(half.group()):04x}")
-        frame = self.frames[-1] if self.frames else None
-        if frame is not None and isinstance(frame.container, dict) and frame.awaits_key:
-            self.key(frame, event)
-            return
-        value = _resolve(event.value) if event.style is None and event.tag is None else event.value
-        path = self.add(None if isinstance(value, _Skip) else value)
-        self.decorations(path, event)
-        if isinstance(value, _Skip):
-            self.refuse(path, "a finite number is expected", got=event.value, hint="leave an open end of an interval out with null")
-
-    def key(self, frame: _Frame, event: yaml.ScalarEvent) -> None:
-        self.count(frame)
-        name = event.value
-        path = (*frame.path, name)
-        frame.key, frame.key_kept, frame.awaits_key = name, True, False
-        if frame.kept and isinstance(frame.container, dict) and name in frame.container:
-            first = self.document.keys[path]
-            # The first value is kept; the second is read past.
-            frame.key_kept = False
-            if self.frames[-1].kept:
-                self.refuse(path, f"the key {shown(name)} is already given at line {first.line}")
-        elif frame.kept:
-            self.document.keys[path] = Place(self.document.file, *self.last)
-        self.decorations(path, event)
-
-    def open(self, event: yaml.MappingStartEvent | yaml.SequenceStartEvent) -> None:
-        if len(self.frames) >= MAX_DEPTH:
-            raise self.stop("nested too deep", self.last, allowed=f"at most {MAX_DEPTH} levels")
-        container: dict[str, Any] | list[Any] = {} if isinstance(event, yaml.MappingStartEvent) else []
-        frame = self.frames[-1] if self.frames else None
-        if frame is not None and isinstance(frame.container, dict) and frame.awaits_key:
-            self.count(frame)
-            frame.key, frame.key_kept, frame.awaits_key = "?", False, False
-            self.refuse((*frame.path, "?"), "a key is a name", got=shown(container))
-            # Its content is read past; the frame below stands for the key, then a value follows.
-            self.frames.append(_Frame(frame.path, container, kept=False))
-            return
-        kept = frame is None or (frame.kept and (not isinstance(frame.container, dict) or frame.key_kept))
-        path = self.add(container)
-        self.decorations(path, event)
-        self.frames.append(_Frame(path, container, kept))
 
     def decorations(self, path: FieldPath, event: yaml.NodeEvent) -> None:
         if event.anchor is not None:
@@ -305,42 +311,12 @@ class _Builder:
         if (tag := getattr(event, "tag", None)) is not None:
             self.refuse(path, "a tag", got=str(tag)[:40], hint="plain values need none")
 
-    def count(self, frame: _Frame | None) -> None:
+    def count(self, entries: int) -> None:
         self.nodes += 1
         if self.nodes > MAX_NODES:
             raise self.stop("too many values", self.last, allowed=f"at most {MAX_NODES}")
-        if frame is not None:
-            frame.count += 1
-            if frame.count > MAX_ENTRIES:
-                raise self.stop("too many entries", self.last, allowed=f"at most {MAX_ENTRIES}")
-
-    def add(self, value: Any) -> FieldPath:
-        """Put a value where it belongs; returns its path."""
-        place = Place(self.document.file, *self.last)
-        if not self.frames:
-            self.count(None)
-            self.document.root = value
-            self.document.values[()] = place
-            return ()
-        frame = self.frames[-1]
-        if isinstance(frame.container, list):
-            self.count(frame)
-            path: FieldPath = (*frame.path, len(frame.container))
-            frame.container.append(value)
-            if frame.kept:
-                self.document.values[path] = place
-            return path
-        if frame.awaits_key:
-            # An alias in the place of a key.
-            frame.key, frame.key_kept, frame.awaits_key = "?", False, False
-            return (*frame.path, "?")
-        path = (*frame.path, frame.key or "")
-        frame.awaits_key = True
-        if frame.key_kept:
-            frame.container[frame.key or ""] = value
-            if frame.kept:
-                self.document.values[path] = place
-        return path
+        if entries > MAX_ENTRIES:
+            raise self.stop("too many entries", self.last, allowed=f"at most {MAX_ENTRIES}")
 
 
 def _resolve(text: str) -> Any:
@@ -353,4 +329,4 @@ def _resolve(text: str) -> Any:
         return int(text) if len(text) <= 60 else DecimalText(text)
     if _DECIMAL.match(text):
         return DecimalText(text)
-    return _Skip() if _NOT_FINITE.match(text) else text
+    return text

@@ -25,8 +25,8 @@ def json_schema() -> dict[str, Any]:
     for name, definition in definitions.items():
         _require(name, definition)
     plant_file = {
-        "type": "object", "properties": {"file": {"type": "string"}}, "required": ["file"], "additionalProperties": False,
-        "description": "The plant in a file of its own, e.g. pendulum.plant.yaml.",
+        "type": "object", "properties": {"file": {"type": "string"}}, "required": ["file"],
+        "additionalProperties": False, "description": "The plant in a file of its own, e.g. pendulum.plant.yaml.",
     }  # fmt: skip
     for family, block in FAMILIES.items():
         definition = definitions[refs[block]["$ref"].rsplit("/", 1)[1]]

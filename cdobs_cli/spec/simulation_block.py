@@ -10,11 +10,11 @@ from pydantic import ConfigDict, Field
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.expression import Call, Expression, Number, Variable
 from cdobs_cli.exact.numbers import Exact
-from cdobs_cli.exact.parser import TYPED_FUNCTIONS, nearest
+from cdobs_cli.exact.parser import TYPED_FUNCTIONS
 from cdobs_cli.fields import PositiveNumber, Vector, formula, sized
 from cdobs_cli.run import SimulationPlan
 from cdobs_cli.sampling import SamplingLaw
-from cdobs_cli.spec.block import Block
+from cdobs_cli.spec.block import Block, unknown_key
 from cdobs_cli.spec.boxes import MAX_STATES, BoxBlock, box_problems, length_problem, ordered
 
 MAX_RUNS = 100_000
@@ -114,8 +114,7 @@ def _signal_problems(
     given, inputs = signals.inputs, tuple(signals.inputs) if inputs is None else inputs
     for name in given:
         if name not in inputs:
-            allowed = [*inputs, "d", "v"]
-            yield Problem((*at, name), "unknown key", None, ", ".join(allowed), nearest(name, allowed)[2:] or None)
+            yield unknown_key(at, name, [*inputs, "d", "v"])
     if "signals" not in wrong_fields:
         for name in inputs:
             if name not in given:

@@ -7,18 +7,14 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, PlainValidator, Tag, ValidationInfo, WithJsonSchema
 
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
-from cdobs_cli.fields import (
-    read_exact,
-    sized,
-    wrong,
-)
+from cdobs_cli.fields import context, read_exact, sized, wrong
 from cdobs_cli.plant import Slopes
 from cdobs_cli.spec.boxes import MAX_STATES, ordered
 
 
 def _slope(value: Any, info: ValidationInfo) -> tuple[Exact, Exact] | None:
     """c as (-c, c), [lower, upper], None for auto."""
-    parameters = (info.context or {}).get("parameters")
+    parameters = context(info, "parameters")
     if value == "auto":
         return None
     if isinstance(value, list | tuple):

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
-from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, PlantView
+from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, PlantView, corrected_copy
 from cdobs_cli.plant import Plant, Slopes
 from cdobs_cli.sampling import SamplingLaw
 
@@ -38,42 +40,25 @@ def canonical(c: Sequence[Any], sampling: SamplingLaw) -> Plant:
     return plant(A, [*zero, [(-Exact(x)) for x in c]], [*zero, [Exact(x) for x in c]], [[1] + [0] * (n - 1)], sampling)
 
 
-def _slopes(view: PlantView[Any]) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    return tuple(view.unit(i) for i, _ in view.entries), tuple(view.unit(j).T for _, j in view.entries)
-
-
-def _impulsive(view: PlantView[Any]) -> ErrorMaps[Any]:
-    n = view.A.shape[0]
-    left, right = _slopes(view)
-    identity = view.unit(0) @ view.unit(0).T
-    for i in range(1, n):
-        identity = identity + view.unit(i) @ view.unit(i).T
-    return ErrorMaps(view.A, left, right, view.lower, view.upper, identity - view.gain["K"] @ view.C)
-
-
 def _held(view: PlantView[Any]) -> ErrorMaps[Any]:
     A, C, L = view.A, view.C, view.gain["L"]
     n, p = A.shape[0], C.shape[0]
-    left, right = _slopes(view)
-    zero = C @ view.unit(0) * 0  # (p, 1)
+    zero = C.T * 0  # (n, p)
     F = A - L @ C
     base = block([[F, L], [C @ F, C @ L]])
-    left = tuple(block([[column], [C @ column]]) for column in left)
-    right = tuple(block([[row, zero.T]]) for row in right)
+    parts = tuple(block([[part, zero], [C @ part, C @ zero]]) for part in view.parts)
     if isinstance(A, Matrix):
         jump = Matrix.from_rows([[int(i == j and i < n) for j in range(n + p)] for i in range(n + p)])
     else:
-        import numpy as np
-
         jump = np.diag([1.0] * n + [0.0] * p)
-    return ErrorMaps(base, left, right, view.lower, view.upper, jump)
+    return ErrorMaps(base, parts, view.lower, view.upper, jump)
 
 
 def impulsive(made: Plant, K: Rows) -> HybridInclusion:
     """edot = (A + V) e, e+ = (I - K C) e."""
-    return HybridInclusion(_impulsive, made, {"K": ExactMatrix(K)}, made.sampling, made.slopes.uncertain)
+    return HybridInclusion(corrected_copy, made, {"K": ExactMatrix(K)}, made.sampling, made.slopes.quantities)
 
 
 def held(made: Plant, L: Rows) -> HybridInclusion:
     """edot = (A + V - L C) e + L w, w = C (e - e(t_k))."""
-    return HybridInclusion(_held, made, {"L": ExactMatrix(L)}, made.sampling, made.slopes.uncertain)
+    return HybridInclusion(_held, made, {"L": ExactMatrix(L)}, made.sampling, made.slopes.quantities)

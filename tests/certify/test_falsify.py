@@ -15,7 +15,7 @@ from cdobs_cli.hybrid import HybridInclusion
 
 def at(inclusion: HybridInclusion):
     return lambda T: HybridInclusion(
-        inclusion.assemble, inclusion.plant, inclusion.gain, inclusion.sampling.with_period(T), inclusion.entries
+        inclusion.assemble, inclusion.plant, inclusion.gain, inclusion.sampling.with_period(T), inclusion.quantities
     )
 
 

@@ -34,7 +34,12 @@ def dump(page: bytes, folder: Path, script: str) -> tuple[list[str], str]:
 @pytest.mark.skipif(BROWSER is None, reason="no browser is installed")
 @pytest.mark.parametrize(
     ("column", "clicks", "order"),
-    [("spec", 1, ["a", "b", "c"]), ("spec", 2, ["c", "b", "a"]), ("bracket", 1, ["b", "a", "c"]), ("verdict", 1, ["c", "b", "a"])],
+    [
+        ("spec", 1, ["a", "b", "c"]),
+        ("spec", 2, ["c", "b", "a"]),
+        ("bracket", 1, ["b", "a", "c"]),
+        ("verdict", 1, ["c", "b", "a"]),
+    ],
 )
 def test_sorting(column: str, clicks: int, order: list[str], tmp_path: Path) -> None:
     page = index_page(

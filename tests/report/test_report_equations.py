@@ -53,10 +53,15 @@ def test_names() -> None:
 
 def test_long_numbers_are_cut_in_formulas_and_whole_in_gains() -> None:
     assert latex(formula(parse("1.41421356237309504*u", NAMES))) == r"1.414213\dots u"
-    assert latex(matrix(ExactMatrix([["1.41421356237309504"]]))) == r"\left[ \begin{matrix} 1.41421356237309504 \end{matrix} \right]"
+    assert (
+        latex(matrix(ExactMatrix([["1.41421356237309504"]])))
+        == r"\left[ \begin{matrix} 1.41421356237309504 \end{matrix} \right]"
+    )
 
 
-@pytest.mark.parametrize("typed", ["sin(theta)**2/(1 + x1)", "sat(u, -2, 2)", "min(x1, sqrt(S))", "tan(u) - 1e-30*S", "glucose**(2/3)"])
+@pytest.mark.parametrize(
+    "typed", ["sin(theta)**2/(1 + x1)", "sat(u, -2, 2)", "min(x1, sqrt(S))", "tan(u) - 1e-30*S", "glucose**(2/3)"]
+)
 def test_mathml_is_well_formed(typed: str) -> None:
     ElementTree.fromstring(mathml_block([Equation(name_formula("lower.x1"), formula(parse(typed, NAMES)))]))
 

@@ -53,7 +53,13 @@ def test_csv_holds_what_is_drawn() -> None:
 
 def test_csv_of_bands_limits_and_marks() -> None:
     table = rows(
-        chart_csv(chart(Series("b", [0.0], [1.0], "band", y2=[2.0]), Series("l", [], [3.0], "limit"), Series("m", [4.0], [], "mark")))
+        chart_csv(
+            chart(
+                Series("b", [0.0], [1.0], "band", y2=[2.0]),
+                Series("l", [], [3.0], "limit"),
+                Series("m", [4.0], [], "mark"),
+            )
+        )
     )
     assert [(row["series"], row["x"], row["y"], row["y2"]) for row in table] == [
         ("b", "0.0", "1.0", "2.0"), ("l", "nan", "3.0", ""), ("m", "4.0", "nan", ""),

@@ -72,7 +72,9 @@ def test_the_page_is_well_formed_and_needs_neither_network_nor_script(files: dic
 def test_references_inside_figures_resolve(files: dict[str, bytes]) -> None:
     text = files["report.html"].decode()
     checker = checked(files["report.html"])
-    used = {address[1:] for address in checker.addresses if address.startswith("#")} | set(re.findall(r"url\(#([^)]+)\)", text))
+    used = {address[1:] for address in checker.addresses if address.startswith("#")} | set(
+        re.findall(r"url\(#([^)]+)\)", text)
+    )
     assert used
     assert used <= set(checker.ids)
 
@@ -87,7 +89,9 @@ def test_every_figure_is_in_the_page(report: Report, files: dict[str, bytes]) ->
     assert files["report.html"].decode().count('<svg role="img"') == len(report.charts) == 5
 
 
-@pytest.mark.parametrize("word", ["✓ proved", "✗ refuted", "? undecided", "✗ fails", "Dinh2014: Thach Ngoc Dinh", "b" * 64, "<mfrac>"])
+@pytest.mark.parametrize(
+    "word", ["✓ proved", "✗ refuted", "? undecided", "✗ fails", "Dinh2014: Thach Ngoc Dinh", "b" * 64, "<mfrac>"]
+)
 def test_what_the_page_says(files: dict[str, bytes], word: str) -> None:
     assert word in files["report.html"].decode()
 
@@ -96,7 +100,11 @@ def test_a_report_without_check_or_run_says_so() -> None:
     files = render(make_report())
     assert "not checked" in files["report.html"].decode()
     checked(files["report.html"])
-    assert set(files) == {"report.md", "report.html", *(f"figures/period_slope.{suffix}" for suffix in ("svg", "png", "csv"))}
+    assert set(files) == {
+        "report.md",
+        "report.html",
+        *(f"figures/period_slope.{suffix}" for suffix in ("svg", "png", "csv")),
+    }
 
 
 def test_the_index() -> None:
@@ -104,7 +112,9 @@ def test_the_index() -> None:
     entries = [
         IndexEntry.of(report, "a b", ("error", "states")),
         IndexEntry("bad", HOSTILE, "invalid", message="plant.A: <b>not</b> square"),
-        IndexEntry("zoh", "LPV", "refuted", "lpv_zoh", "period_max", Bound("0.18", "inf", "s"), "zoh/report.html", None, True),
+        IndexEntry(
+            "zoh", "LPV", "refuted", "lpv_zoh", "period_max", Bound("0.18", "inf", "s"), "zoh/report.html", None, True
+        ),
     ]
     page = index_page(entries)
     checker = checked(page)
@@ -130,7 +140,8 @@ def policy(page: str) -> dict[str, list[str]]:
 
 def allowed_scripts(page: str) -> list[str]:
     sources = [
-        f"'sha256-{b64encode(sha256(code.encode()).digest()).decode()}'" for code in re.findall(r"<script>(.*?)</script>", page, re.S)
+        f"'sha256-{b64encode(sha256(code.encode()).digest()).decode()}'"
+        for code in re.findall(r"<script>(.*?)</script>", page, re.S)
     ]
     assert page.count("<script") == len(sources)
     return sources

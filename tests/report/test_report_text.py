@@ -12,7 +12,7 @@ from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.exact.parser import parse
 from cdobs_cli.plant import Input, TypedDynamics
-from cdobs_cli.report.model import Report, build_report
+from cdobs_cli.report.model import Report
 from cdobs_cli.report.summary import summary_lines
 from cdobs_cli.report.text import markdown
 from cdobs_cli.sampling import SamplingLaw
@@ -49,10 +49,9 @@ def test_a_plant_in_other_coordinates_is_shown_in_both() -> None:
     dynamics = tuple(parse(text, names) for text in ("X*S/(X + S) - D*X", "D*(0.1 - S) - X*S/(X + S)"))
     typed = TypedDynamics(("X", "S"), (Input("D"),), dynamics, (parse("X", names),), SamplingLaw.periodic(Exact("0.6")))
     change = Swap(("X", "S"), ("theta", "omega"), (parse("X", names), parse("2*S", names)))
-    report = build_report(
-        name="bio", title="Bioreactor", spec_path="bio.yaml", plant=make_plant(), family=Copying(), design=make_design(), check=None,
-        run=make_run(), expectations=[], digests={}, typed=typed, coordinates=change,
-    )  # fmt: skip
+    report = Report(
+        "bio", "Bioreactor", "bio.yaml", make_plant(), Copying(), make_design(), None, make_run(), typed, change
+    )
     text = markdown(report)
     assert r"\dot{S} &= D \left( 0.1 - S \right) - \frac{X S}{X + S}" in text
     assert r"\omega &= 2 S" in text

@@ -53,10 +53,14 @@ def copy_observer(model: Plant, K: Sequence[str], **further: Any) -> HybridSyste
 
 def pendulum(K: Sequence[str] = ("1", "1.8361"), period: str = "0.6", **further: Any) -> HybridSystem:
     """Dinh2014, Section IV, observer (3)."""
-    return copy_observer(plant(("theta", "omega"), [[0, 1], [0, 0]], ("0", "sin(theta)"), law=periodic(period), **further), K)
+    return copy_observer(
+        plant(("theta", "omega"), [[0, 1], [0, 0]], ("0", "sin(theta)"), law=periodic(period), **further), K
+    )
 
 
-def plan(horizon: str, initial_state: Sequence[Any] | None = None, estimate: Sequence[Any] | None = None, **further: Any) -> SimulationPlan:
+def plan(
+    horizon: str, initial_state: Sequence[Any] | None = None, estimate: Sequence[Any] | None = None, **further: Any
+) -> SimulationPlan:
     signals: Mapping[str, str] = further.pop("signals", {})
     times = further.pop("sampling_times", None)
     return SimulationPlan(

@@ -60,7 +60,10 @@ def damaged(run):
     yield "cut", whole[:-100]
     yield "empty", b""
     yield "deflate", bytes(bad_deflate)
-    yield "header of 1e15 entries", with_header("{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000000,), }")
+    yield (
+        "header of 1e15 entries",
+        with_header("{'descr': '<f8', 'fortran_order': False, 'shape': (1000000000000000,), }"),
+    )
     yield "header of objects", with_header("{'descr': '|O', 'fortran_order': False, 'shape': (8,), }")
     yield "header of a negative shape", with_header("{'descr': '<f8', 'fortran_order': False, 'shape': (-8,), }")
     yield "no header", with_header("(")
@@ -106,7 +109,14 @@ def test_figures_that_the_trajectories_do_not_show_are_seen():
     system = pendulum()
     run = simulate(system, plan("2", [1, 0], [0, 0]), periodic("0.6"))
     assert agrees(run, system)
-    for change in ({"measurements": 3}, {"error_final": 0.0}, {"rmse": {}}, {"period_max": 0.5}, {"diverged": True}, {"stopped": "early"}):
+    for change in (
+        {"measurements": 3},
+        {"error_final": 0.0},
+        {"rmse": {}},
+        {"period_max": 0.5},
+        {"diverged": True},
+        {"stopped": "early"},
+    ):
         better = replace(run.overall, **change)
         assert not agrees(replace(run, summaries=(better,), overall=better), system)
     other = replace(run, overall=replace(run.overall, left_domain=True))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import DOP853
 
-from cdobs_cli.simulate import tableau
+from cdobs_cli.simulate import dormand_prince as tableau
 from cdobs_cli.simulate.dormand_prince import (
     array_step,
     dense_output,
@@ -53,7 +53,9 @@ def test_the_order_conditions_that_rows_must_meet():
     for s, row in enumerate(tableau.A[:12]):
         assert sum(row) == pytest.approx(tableau.C[s], abs=1e-13)
     for k in range(8):
-        assert sum(b * c**k for b, c in zip(tableau.A[12], tableau.C, strict=True)) == pytest.approx(1 / (k + 1), abs=1e-13)
+        assert sum(b * c**k for b, c in zip(tableau.A[12], tableau.C, strict=True)) == pytest.approx(
+            1 / (k + 1), abs=1e-13
+        )
 
 
 def test_the_step_has_order_8_and_its_dense_output_order_7():
@@ -84,7 +86,9 @@ def test_floats_and_arrays_take_the_same_step():
         own_coefficients = np.array(scalar_dense_output(flow, 2)(t[run], h[run], own, own_new, own_slopes, ()))
         assert coefficients[:, :, run] == pytest.approx(own_coefficients, abs=1e-12)
         halfway = interpolate(coefficients, y, 0.3)[:, run]
-        assert halfway == pytest.approx(interpolate_one(own_coefficients, np.array(own), np.array([0.3]))[:, 0], abs=1e-14)
+        assert halfway == pytest.approx(
+            interpolate_one(own_coefficients, np.array(own), np.array([0.3]))[:, 0], abs=1e-14
+        )
 
 
 def test_the_next_step_is_bounded_both_ways():

@@ -256,7 +256,9 @@ def test_random_linear_loops_at_extreme_scales(seed):
     K = np.round(random.normal(size=n) / 2, 3)
     x = np.round(random.normal(size=n), 3)
     period = f"{0.5 / rate:.6g}"
-    model = plant([f"x{i}" for i in range(n)], [[repr(float(v)) for v in row] for row in A * rate], law=periodic(period))
+    model = plant(
+        [f"x{i}" for i in range(n)], [[repr(float(v)) for v in row] for row in A * rate], law=periodic(period)
+    )
     system = copy_observer(model, [repr(float(v)) for v in K])
     start = [repr(float(v * size)) for v in x]
     run = simulate(system, plan(repr(4.2 * float(period)), start, [0] * n), model.sampling).trajectories[0]
@@ -312,7 +314,11 @@ def test_an_observer_whose_start_is_undefined_ends_at_once():
     model = plant(("x",), [[0]], law=periodic("0.5"))
     names = ["hat.x", "initial.x", "y.0"]
     observer = Observer(
-        ("hat.x",), (read("sqrt(initial__x)", names),), (read("0", names),), (Variable("y.0"),), {"x_hat": (Variable("hat.x"),)}
+        ("hat.x",),
+        (read("sqrt(initial__x)", names),),
+        (read("0", names),),
+        (Variable("y.0"),),
+        {"x_hat": (Variable("hat.x"),)},
     )
     for runs in (1, 2):
         run = simulate(HybridSystem(model, observer), plan("2", [1], [-1], runs=runs), model.sampling)

@@ -8,7 +8,7 @@ from cdobs_cli.certificate import Witness
 from cdobs_cli.errors import UsageError
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import parse
-from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
+from cdobs_cli.hybrid import HybridInclusion, corrected_copy
 from cdobs_cli.plant import Plant, Slopes
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.witness import replay
@@ -19,16 +19,19 @@ def inclusion(K, T="0.6"):
     slopes = Slopes(ExactMatrix([[0, 0], [-1, 0]]), ExactMatrix([[0, 0], [1, 0]]))
     phi = (parse("0"), parse("sin(theta)", frozenset({"theta"})))
     plant = Plant(
-        ("theta", "omega"), (), ExactMatrix([[0, 1], [0, 0]]), phi, None, ExactMatrix([[1, 0]]), slopes, SamplingLaw.periodic(Exact(T))
+        ("theta", "omega"),
+        (),
+        ExactMatrix([[0, 1], [0, 0]]),
+        phi,
+        None,
+        ExactMatrix([[1, 0]]),
+        slopes,
+        SamplingLaw.periodic(Exact(T)),
     )
 
-    def assemble(view):
-        left = tuple(view.unit(i) for i, _ in view.entries)
-        right = tuple(view.unit(j).T for _, j in view.entries)
-        identity = view.unit(0) @ view.unit(0).T + view.unit(1) @ view.unit(1).T
-        return ErrorMaps(view.A, left, right, view.lower, view.upper, identity - view.gain["K"] @ view.C)
-
-    return HybridInclusion(assemble, plant, {"K": ExactMatrix([[k] for k in K])}, plant.sampling, plant.slopes.uncertain)
+    return HybridInclusion(
+        corrected_copy, plant, {"K": ExactMatrix([[k] for k in K])}, plant.sampling, plant.slopes.quantities
+    )
 
 
 PRINTED = ("-1", "-1.8361")

@@ -37,7 +37,9 @@ def spec(dynamics: list[str], *, coordinates: str | None = None, domain: str = "
     ]
     lines += [f"  coordinates: {coordinates}"] if coordinates else []
     lines += [f"  domain: {domain}"] if domain else []
-    return "\n".join([*lines, *([more] if more else []), "measurement: {sampling: {period: 0.1}}", "observer: {family: lpv_zoh}", ""])
+    return "\n".join(
+        [*lines, *([more] if more else []), "measurement: {sampling: {period: 0.1}}", "observer: {family: lpv_zoh}", ""]
+    )
 
 
 def box(n: int) -> str:
@@ -53,7 +55,9 @@ def ring(i: int, n: int) -> str:
     return f"x{i % n + 1}"
 
 
-RATIONAL = [f"{ring(i + 1, 5)}/(1 + {ring(i, 5)}) + {ring(i + 2, 5)}*{ring(i, 5)}/(2 + {ring(i + 3, 5)})" for i in range(5)]
+RATIONAL = [
+    f"{ring(i + 1, 5)}/(1 + {ring(i, 5)}) + {ring(i + 2, 5)}*{ring(i, 5)}/(2 + {ring(i + 3, 5)})" for i in range(5)
+]
 CHAIN = [f"x{min(i + 2, 8)} + x{i + 1}/(1 + x{i + 1} + x{min(i + 2, 8)})" for i in range(8)]
 WAVES = [f"sin(x{min(i + 2, 8)}) + exp(x{i + 1}*x{min(i + 2, 8)})" for i in range(8)]
 KINKS = ["x1"] + [

@@ -80,7 +80,9 @@ def test_what_the_change_of_coordinates_finds_is_told_with_its_place(mistakes):
 
 
 def test_output_and_coordinates_need_dynamics(mistakes):
-    text = HEAD.replace('  dynamics: ["b + a", "-sin(a) + u"]\n', '  A: [[1, 1], [0, 0]]\n  phi: ["0", "u"]\n  lipschitz: auto\n')
+    text = HEAD.replace(
+        '  dynamics: ["b + a", "-sin(a) + u"]\n', '  A: [[1, 1], [0, 0]]\n  phi: ["0", "u"]\n  lipschitz: auto\n'
+    )
     told = mistakes(text + "  coordinates: lie\n" + TAIL)
     assert told[0] == "8:11: plant.output: goes with `dynamics`, which is not given"
     assert told[1] == "10:16: plant.coordinates: goes with `dynamics`, which is not given"

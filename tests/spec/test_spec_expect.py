@@ -22,7 +22,10 @@ DOCUMENT = {
             "decay_rate": {"proved": "1/3"},
         },
     },
-    "simulation": {"overall": {"diverged": False, "rmse": {"theta": 0.1}, "measurements": 34}, "runs": [{"error_final": 1e-07}]},
+    "simulation": {
+        "overall": {"diverged": False, "rmse": {"theta": 0.1}, "measurements": 34},
+        "runs": [{"error_final": 1e-07}],
+    },
 }
 
 
@@ -53,7 +56,9 @@ def test_paths(path, value):
 
 def holds(quantity, relation, value, tolerance=None):
     value = value if isinstance(value, bool) or value in ("proved", "found", "inf") else Exact(value)
-    return evaluate(Expectation(quantity, relation, value, None if tolerance is None else Exact(tolerance)), DOCUMENT).holds
+    return evaluate(
+        Expectation(quantity, relation, value, None if tolerance is None else Exact(tolerance)), DOCUMENT
+    ).holds
 
 
 @pytest.mark.parametrize(

@@ -66,7 +66,22 @@ def test_a_good_spec_with_parts_replaced(tmp_path: Path, seed: int, count: int):
 
 VALUES = st.recursive(
     st.sampled_from(
-        ["null", "true", "0", "-1", "1e-3", "1e99", '"sqrt(2)"', '"x"', "auto", '"9**9**9"', "[]", "{}", '"exp(exp(exp(9)))"', ".5"]
+        [
+            "null",
+            "true",
+            "0",
+            "-1",
+            "1e-3",
+            "1e99",
+            '"sqrt(2)"',
+            '"x"',
+            "auto",
+            '"9**9**9"',
+            "[]",
+            "{}",
+            '"exp(exp(exp(9)))"',
+            ".5",
+        ]
     ),
     lambda inner: (
         st.lists(inner, max_size=4).map(lambda parts: f"[{', '.join(parts)}]")

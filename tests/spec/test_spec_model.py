@@ -27,7 +27,11 @@ HEAD = "spec_version: 1\n"
 def test_a_good_spec_becomes_its_nouns(loaded):
     spec = loaded()
     plant = spec.plant
-    assert (spec.title, plant.states, [source.name for source in plant.inputs]) == ("Pendulum", ("theta", "omega"), ["u"])
+    assert (spec.title, plant.states, [source.name for source in plant.inputs]) == (
+        "Pendulum",
+        ("theta", "omega"),
+        ["u"],
+    )
     assert plant.inputs[0].range == Interval(Exact(-1), Exact(1))
     assert plant.B is not None and plant.B[1, 0].rational == Fraction(1, 8)
     assert plant.phi[1] == Call("sin", (Variable("theta"),)) / Number(1)
@@ -202,12 +206,24 @@ def test_every_mistake_has_its_place_and_its_sentence(mistakes, old, new, told):
         ('"sin(theta)/g"', '"' + "(" * 300 + "1" + ")" * 300 + '"', ["nested at most 100 deep"]),
         ('"sin(theta)/g"', '"' + "+".join(["theta"] * 400) + '"', ["at most 2000 characters"]),
         ("{period: 0.6}", "{period: 0.6, max_period: 1}", ["measurement.sampling.period: unknown key"]),
-        ("family: reachability", "family: reachabilty", ["18:11: observer.family: unknown family", "did you mean 'reachability'?"]),
+        (
+            "family: reachability",
+            "family: reachabilty",
+            ["18:11: observer.family: unknown family", "did you mean 'reachability'?"],
+        ),
         ("  family: reachability\n", "", ["18:3: observer.family: is required; allowed: ", "reachability"]),
-        ("gain: {K:", "gain: {L:", ["19:9: observer.gain.K: is required", "19:10: observer.gain.L: unknown key; allowed: K"]),
+        (
+            "gain: {K:",
+            "gain: {L:",
+            ["19:9: observer.gain.K: is required", "19:10: observer.gain.L: unknown key; allowed: K"],
+        ),
         ('u: "0.3 + 0.1*sin(t)"', 'u: "theta"', ["26:16: simulation.signals.u: unknown name 'theta'"]),
         ('u: "0.3 + 0.1*sin(t)"', 'u: "normal(1)"', ["26:16: simulation.signals.u: unknown function 'normal'"]),
-        ("bounds.period_max.proved", "bound.period_max.proved", ["29:16: expect[0].quantity: no such quantity", "did you mean 'bounds'?"]),
+        (
+            "bounds.period_max.proved",
+            "bound.period_max.proved",
+            ["29:16: expect[0].quantity: no such quantity", "did you mean 'bounds'?"],
+        ),
         ("at_least: 0.6", "atleast: 0.6", ["29:42: expect[0].atleast: unknown key", "did you mean 'at_least'?"]),
     ],
 )
@@ -241,7 +257,9 @@ def test_files_that_hold_no_mapping(mistakes, text):
 
 
 def test_blocks_that_are_no_mappings(mistakes):
-    told = "\n".join(mistakes("spec_version: 1\nplant: 3\nmeasurement: []\nobserver: x\nsimulation: [1]\nexpect: {a: 1}\n"))
+    told = "\n".join(
+        mistakes("spec_version: 1\nplant: 3\nmeasurement: []\nobserver: x\nsimulation: [1]\nexpect: {a: 1}\n")
+    )
     for place in ("2:8: plant:", "3:14: measurement:", "4:11: observer:", "5:13: simulation:", "6:9: expect:"):
         assert place in told
 
@@ -284,11 +302,16 @@ def test_a_plant_file_is_read_beside_the_spec(write, loaded):
 
 
 def test_mistakes_in_a_plant_file_name_that_file(write):
-    path = write(PLANT_FILE.replace("sin(theta)/g", "sin(thet)").replace("u: {range", "u: &x {range"), "pendulum.plant.yaml")
+    path = write(
+        PLANT_FILE.replace("sin(theta)/g", "sin(thet)").replace("u: {range", "u: &x {range"), "pendulum.plant.yaml"
+    )
     with pytest.raises(SpecError) as caught:
         load(write(with_file("pendulum.plant.yaml").replace("period: 0.6", "period: -1")))
     told = str(caught.value).splitlines()
-    assert [line.split(": ")[:2] for line in told[1:]] == [[f"{path}:2:13", "plant.inputs.u"], [f"{path}:5:12", "plant.phi[1]"]]
+    assert [line.split(": ")[:2] for line in told[1:]] == [
+        [f"{path}:2:13", "plant.inputs.u"],
+        [f"{path}:5:12", "plant.phi[1]"],
+    ]
     assert "measurement.sampling.period" in told[0]
 
 

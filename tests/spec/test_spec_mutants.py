@@ -90,7 +90,9 @@ def _replaced(draw: random.Random, text: str, pattern: str, by: str) -> str:
 
 
 def other_value(draw: random.Random, text: str) -> str:
-    return _replaced(draw, text, r"(?<=: )[^\n{\[]+|(?<=[\[ ])[-\w.]+(?=[\],])|\[[^\[\]]*\]|\{[^{}]*\}", draw.choice(VALUES))
+    return _replaced(
+        draw, text, r"(?<=: )[^\n{\[]+|(?<=[\[ ])[-\w.]+(?=[\],])|\[[^\[\]]*\]|\{[^{}]*\}", draw.choice(VALUES)
+    )
 
 
 def other_expression(draw: random.Random, text: str) -> str:
@@ -113,7 +115,9 @@ def other_line(draw: random.Random, text: str) -> str:
     """A line lost, doubled, moved, indented or taken from another spec."""
     lines = text.split("\n")
     k, other = draw.randrange(len(lines)), draw.choice(draw.choice(BASES).split("\n"))
-    lines[k : k + 1] = draw.choice([[], [lines[k]] * 2, [f"  {lines[k]}"], [lines[k].removeprefix("  ")], [lines[k], other], [other]])
+    lines[k : k + 1] = draw.choice(
+        [[], [lines[k]] * 2, [f"  {lines[k]}"], [lines[k].removeprefix("  ")], [lines[k], other], [other]]
+    )
     return "\n".join(lines)
 
 

@@ -56,6 +56,10 @@ def test_what_an_editor_underlines(change):
 
 
 def test_a_plant_file_and_every_family_example_pass():
-    VALIDATOR.validate(yaml.safe_load(f"spec_version: 1\nplant: {{file: p.plant.yaml}}\nmeasurement:{PENDULUM.split('measurement:')[1]}"))
+    VALIDATOR.validate(
+        yaml.safe_load(
+            f"spec_version: 1\nplant: {{file: p.plant.yaml}}\nmeasurement:{PENDULUM.split('measurement:')[1]}"
+        )
+    )
     for family in FAMILIES.values():
         VALIDATOR.validate(yaml.safe_load(family.example()))

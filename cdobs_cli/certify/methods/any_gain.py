@@ -42,7 +42,7 @@ class NoGain(Method):
     @classmethod
     def applies(cls, question: Question) -> bool:
         """One output, few slopes that vary."""
-        return question.plant.p == 1 and len(question.plant.slopes.uncertain) <= _MOST_ENTRIES
+        return question.plant.p == 1 and len(question.plant.slopes.quantities) <= _MOST_ENTRIES
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:
@@ -111,12 +111,12 @@ class Face:
 
     def is_of(self, plant: Plant, law: SamplingLaw) -> bool:
         """Whether its slopes lie in the plant's box and its period in the law."""
-        slopes, entries = plant.slopes, plant.slopes.uncertain
+        quantities = plant.slopes.quantities
         return (
-            len(self.slopes) == len(entries)
+            len(self.slopes) == len(quantities)
             and all(
-                slopes.lower[entry].is_at_most(v) and v.is_at_most(slopes.upper[entry])
-                for entry, v in zip(entries, self.slopes, strict=True)
+                rho.lower.is_at_most(v) and v.is_at_most(rho.upper)
+                for rho, v in zip(quantities, self.slopes, strict=True)
             )
             and self.period.sign() == 1
             and law.contains(SamplingLaw.periodic(self.period))
@@ -124,7 +124,12 @@ class Face:
         )
 
     def document(self) -> dict[str, Any]:
-        return {"kind": self.kind, "order": self.order, "slopes": [str(v) for v in self.slopes], "period": str(self.period)}
+        return {
+            "kind": self.kind,
+            "order": self.order,
+            "slopes": [str(v) for v in self.slopes],
+            "period": str(self.period),
+        }
 
     @staticmethod
     def from_document(document: dict[str, Any]) -> Face:
@@ -190,10 +195,10 @@ def _periods(law: SamplingLaw) -> list[Exact]:
 
 def _slopes(plant: Plant, effort: int) -> list[tuple[Exact, ...]]:
     """The corners of the slope box, and with one or two entries a grid inside it."""
-    entries = plant.slopes.uncertain
-    count = {0: 1, 1: 8 * 2**effort, 2: 4}.get(len(entries), 1)
+    quantities = plant.slopes.quantities
+    count = {0: 1, 1: 8 * 2**effort, 2: 4}.get(len(quantities), 1)
     choices = []
-    for entry in entries:
-        low, high = plant.slopes.lower[entry], plant.slopes.upper[entry]
+    for rho in quantities:
+        low, high = rho.lower, rho.upper
         choices.append([low, *(low + (high - low) * Exact(f"{k}/{count}") for k in range(1, count)), high])
     return list(product(*choices))

@@ -156,7 +156,9 @@ class Method(ABC):
     @classmethod
     def longest(cls, question: Question) -> Self | None:
         """The certificate of the longest period found for the question's gain, looked for from its own period."""
-        return search.longest(lambda T: cls.propose(question.at(T)), question.law.T_max, search.tolerance(question.effort))
+        return search.longest(
+            lambda T: cls.propose(question.at(T)), question.law.T_max, search.tolerance(question.effort)
+        )
 
     @property
     def covers(self) -> SamplingLaw:
@@ -187,7 +189,9 @@ class Method(ABC):
         """As design.json holds it; `gain` where it is about another gain than the design's."""
         data = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "law"}
         texts = {letter: matrix.texts() for letter, matrix in (gain or {}).items()}
-        return Certificate(self.name, self.law, {name: value for name, value in data.items() if value is not None} | texts)
+        return Certificate(
+            self.name, self.law, {name: value for name, value in data.items() if value is not None} | texts
+        )
 
 
 @dataclass(frozen=True)

@@ -114,7 +114,7 @@ class CommonQuadratic(Method):
 
 def is_linear_loop(question: Question) -> bool:
     """No uncertain slope, an interval of periods."""
-    return not question.inclusion.entries and question.law.is_bounded and not question.law.is_periodic
+    return not question.inclusion.quantities and question.law.is_bounded and not question.law.is_periodic
 
 
 def sampled_loop(question: Question) -> SampledError | None:
@@ -290,7 +290,9 @@ class _Search:
         from cdobs_cli.certify.lmi import Program, full
         from cdobs_cli.certify.lmi import symmetric as symmetric_unknown
 
-        program = Program({**{f"P{b}": symmetric_unknown(len(part)) for b, part in enumerate(self.blocks)}, "t": full(1, 1)})
+        program = Program(
+            {**{f"P{b}": symmetric_unknown(len(part)) for b, part in enumerate(self.blocks)}, "t": full(1, 1)}
+        )
         identity = np.eye(self.size)
 
         def P_of(x: Any) -> Array:

@@ -52,7 +52,7 @@ def resets(inclusion: HybridInclusion) -> bool:
 
 def _is_nilpotent_at(inclusion: HybridInclusion, law: SamplingLaw) -> bool:
     T = law.T_max.rational
-    if inclusion.entries or not law.is_periodic or T is None:
+    if inclusion.quantities or not law.is_periodic or T is None:
         return False
     maps = inclusion.balls
     if not (maps.base.is_rational and maps.jump.is_rational):

@@ -170,7 +170,9 @@ def _invariant(error: SampledError, low: float, high: float, sigma: float, level
         points = everything[np.unique(np.argmax(heights, axis=1))]
         if number % _EVERY == 0:
             half = _half(points @ S.T)
-            for candidate in [] if half is None else _closed_at_zero(half, judged[0][0]) if from_zero and error.kept == 1 else [half]:
+            for candidate in (
+                [] if half is None else _closed_at_zero(half, judged[0][0]) if from_zero and error.kept == 1 else [half]
+            ):
                 if _is_mapped_inside(candidate, *judged):
                     return candidate
             if settled.all():

@@ -41,7 +41,7 @@ class SpectralRadius(Method):
     def _prove(self, question: Question) -> Proof:
         """rho(J exp(A T) exp(sigma T)) < 1."""
         sigma, law = rate_of(self.sigma), self.law
-        if question.inclusion.entries or not (law.is_periodic and law.is_bounded):
+        if question.inclusion.quantities or not (law.is_periodic and law.is_bounded):
             return NOTHING
         maps = question.inclusion.balls
         Phi = (maps.base + Matrix.identity(maps.base.shape[0]) * sigma).exp(law.T_max.scalar)

@@ -140,7 +140,7 @@ def held_maps(view: PlantView[Any]) -> ErrorMaps[Any]:
     identity: Any = sum((u @ u.T for u in unit[1:]), unit[0] @ unit[0].T)
     drop = (B.T @ identity) * 0
     return ErrorMaps(
-        base=block([[A, B], [drop, drop @ B]]), left=(), right=(), lower=(), upper=(),
+        base=block([[A, B], [drop, drop @ B]]), parts=(), lower=(), upper=(),
         jump=block([[identity, B * 0], [K, drop @ B]]) if m else identity,
     )  # fmt: skip
 
@@ -161,7 +161,7 @@ def closed_maps(view: PlantView[Any], errors: ErrorMaps[Any]) -> ErrorMaps[Any]:
     fed = block([[view.gain["K_lower"] * -1, view.gain["K_upper"], zeros_like(view.A, m, errors_size - 2 * n)]])
     drive = block([[zeros_like(view.A, n, errors_size)], [fed]])
     return ErrorMaps(
-        base=block([[held.base, above], [below, errors.base]]), left=(), right=(), lower=(), upper=(),
+        base=block([[held.base, above], [below, errors.base]]), parts=(), lower=(), upper=(),
         jump=block([[held.jump, drive], [below, errors.jump]]),
     )  # fmt: skip
 

@@ -194,7 +194,7 @@ def error_maps(view: PlantView[Any]) -> ErrorMaps[Any]:
     zero: Any = M * 0
     identity = Matrix.identity(M.shape[0]) if isinstance(M, Matrix) else _identity(M.shape[0])
     return ErrorMaps(
-        base=block([[M, N1], [zero, zero]]), left=(), right=(), lower=(), upper=(), jump=block([[identity, zero], [identity, zero]])
+        base=block([[M, N1], [zero, zero]]), parts=(), lower=(), upper=(), jump=block([[identity, zero], [identity, zero]])
     )
 
 

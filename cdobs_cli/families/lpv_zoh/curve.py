@@ -64,7 +64,7 @@ class Curve:
 def gain_curve(question: Question) -> Curve:
     """Points (period, rate) up to the question's period, each proved when it was found; empty for large plants."""
     plant, T, law = question.plant, float(question.law.T_max), question.law
-    if (plant.n + plant.p) ** 3 * 2 ** len(plant.slopes.uncertain) > _LARGEST:
+    if (plant.n + plant.p) ** 3 * 2 ** len(plant.slopes.quantities) > _LARGEST:
         return Curve()
     shares = np.geomspace(0.15, 1.0, _POINTS)
     periods = [search.short(share * T, 6) for share in shares]

@@ -45,7 +45,9 @@ def _numbers(family: LpvZeroOrderHold, plant: Plant, design: Design) -> list[Tab
             f"Theorem 1 and Remark 2 of Boukal2020 as printed, {where}. delta is the least with beta < alpha_2; mu, alpha_2 and T_2 "
             "are taken there, alpha_1 and T_1 at the mu of delta = 1, the most they can be."
         )
-        tables.append(Table(prefix.replace(".", "_"), "Numbers of the printed theorem", caption, ("number", "from", "to"), rows))
+        tables.append(
+            Table(prefix.replace(".", "_"), "Numbers of the printed theorem", caption, ("number", "from", "to"), rows)
+        )
     return tables
 
 
@@ -70,7 +72,9 @@ def _held_outputs(plant: Plant, run: Run | None) -> list[Chart]:
             Series("observer", ends, _to_end(y - innovation), "steps", "estimate"),
         )
         panels.append(Panel("time (s)", f"$y_{k + 1}(t_k)$", series))
-        panels.append(Panel("time (s)", f"$r_{k + 1}(t_k)$", (Series("innovation", ends, _to_end(innovation), "steps", "other"),)))
+        panels.append(
+            Panel("time (s)", f"$r_{k + 1}(t_k)$", (Series("innovation", ends, _to_end(innovation), "steps", "other"),))
+        )
     caption = "Sampled outputs of the plant and of the observer, held between samples, and the innovation that drives the observer."
     return [Chart("held_outputs", "Held outputs", caption, tuple(panels))]
 
@@ -107,7 +111,9 @@ def _curve(plant: Plant, design: Design, check: Check | None) -> list[Chart]:
         series.append(Series("this gain refuted", [float(bound.refuted or 0)], [0.0], "mark", "refuted"))
     law = "the sampling period" if plant.sampling.is_periodic else "the largest sampling period"
     caption = f"The decay rate against {law}. Each point was proved when it was found; what `check` proves again is this design at its law."
-    return [Chart("period_rate", "Period against rate", caption, (Panel("period (s)", "proved rate (1/s)", tuple(series)),))]
+    return [
+        Chart("period_rate", "Period against rate", caption, (Panel("period (s)", "proved rate (1/s)", tuple(series)),))
+    ]
 
 
 def _radii(plant: Plant, design: Design) -> Table:

@@ -106,7 +106,10 @@ class PeriodClimb(GainSearch):
 
         def passes(L: ExactMatrix, T: float) -> bool:
             period = short(T)
-            return self.rung.propose(about(question.at(period), L).with_rate(rate_over(period, share)).afresh()) is not None
+            return (
+                self.rung.propose(about(question.at(period), L).with_rate(rate_over(period, share)).afresh())
+                is not None
+            )
 
         starts = [start.gain, *(_stiffer_gains(question.plant, T) if self.stiff else [])]
         for _ in range(search.STEPS):

@@ -47,4 +47,4 @@ def inclusion(plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
 
     Source: Boukal2020, (24)
     """
-    return HybridInclusion(error_maps, plant, gain, plant.sampling, plant.slopes.uncertain)
+    return HybridInclusion(error_maps, plant, gain, plant.sampling, plant.slopes.quantities)

@@ -39,7 +39,9 @@ class Printed:
     vertices: tuple[Matrix, ...]
 
     @staticmethod
-    def of(P: ExactMatrix, Y: ExactMatrix, L: ExactMatrix | None, C: Matrix, vertices: Sequence[Matrix]) -> Printed | None:
+    def of(
+        P: ExactMatrix, Y: ExactMatrix, L: ExactMatrix | None, C: Matrix, vertices: Sequence[Matrix]
+    ) -> Printed | None:
         """The printed data; L_1 from the printed gain, else from P^-1 Y. None where P is not proved regular."""
         ball_P, ball_Y = P.balls(), Y.balls()
         try:
@@ -137,7 +139,9 @@ def evaluate(printed: Printed, tau_max: Any) -> Numbers:
             theorems.remark_2_T_1_squared(at_1.low, low.low, high.high, L_1),
             theorems.remark_2_T_1_squared(at_1.high, low.high, high.low, L_1),
         ),
-        Range(theorems.remark_2_T_2_squared(delta, high.high, L_1), theorems.remark_2_T_2_squared(delta, high.low, L_1)),
+        Range(
+            theorems.remark_2_T_2_squared(delta, high.high, L_1), theorems.remark_2_T_2_squared(delta, high.low, L_1)
+        ),
         delta_2,
         printed.mu(tau_max, delta_2),
     )
@@ -209,11 +213,28 @@ def claims(printed: Printed, tau_max: Exact, prefix: str, where: str) -> list[Cl
 
     def claim(name: str, status: Status, statement: str, source: str, margin: str | None = None) -> None:
         witness = Witness("vector", "class", data={"numbers": data}) if status == "refuted" else None
-        made.append(Claim(f"{prefix}.{name}", "printed", status, statement, source, margin=margin, method="theorem_1", witness=witness))
+        made.append(
+            Claim(
+                f"{prefix}.{name}",
+                "printed",
+                status,
+                statement,
+                source,
+                margin=margin,
+                method="theorem_1",
+                witness=witness,
+            )
+        )
 
     P = positive_definite(printed.P)
     negative: Status = "refuted" if arb(printed.lambda_min().high) <= 0 else "undecided"
-    claim("P", "proved" if P.proved else negative, "P > 0", SOURCE, lower_text(arb(printed.lambda_min().low)) if P.proved else None)
+    claim(
+        "P",
+        "proved" if P.proved else negative,
+        "P > 0",
+        SOURCE,
+        lower_text(arb(printed.lambda_min().low)) if P.proved else None,
+    )
     mu_low, mu_high = arb(numbers.mu_at_1.low), arb(numbers.mu_at_1.high)
     status: Status = "proved" if mu_low > 0 else "refuted" if mu_high <= 0 else "undecided"
     claim(
@@ -227,7 +248,13 @@ def claims(printed: Printed, tau_max: Exact, prefix: str, where: str) -> list[Cl
         SOURCE, upper_text(arb(numbers.alpha_1.high) - arb(numbers.beta.low), 9),
     )  # fmt: skip
     square = arb(tau * tau)
-    status = "refuted" if square >= arb(numbers.T_1_squared.high) else "proved" if square < arb(numbers.T_1_squared.low) else "undecided"
+    status = (
+        "refuted"
+        if square >= arb(numbers.T_1_squared.high)
+        else "proved"
+        if square < arb(numbers.T_1_squared.low)
+        else "undecided"
+    )
     claim("T_1", status, f"tau_max < T_1, which is at most {data['T_1'][1]}", "Boukal2020, Remark 2, (39)")
     # T_2 grows with delta and mu falls: at the least delta with tau_max < T_2, (26) must still leave a mu > 0.
     mu_2, least = numbers.mu_2, 1 + numbers.beta.low / 2

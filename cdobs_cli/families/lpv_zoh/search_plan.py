@@ -36,7 +36,7 @@ _SPAN = 1.15**24
 
 def size(plant: Plant) -> int:
     """What a clock certificate costs, roughly: (n + p)^3 times the corners."""
-    return int((plant.n + plant.p) ** 3 * 2 ** len(plant.slopes.uncertain))
+    return int((plant.n + plant.p) ** 3 * 2 ** len(plant.slopes.quantities))
 
 
 def clock_is_tried(question: Question) -> bool:
@@ -93,7 +93,12 @@ class Headline:
         return self.rung.longest(headline(question), share)
 
 
-WIRTINGER, REPAIRED, THEOREM_1, CLOCK = QuickRung(Wirtinger), QuickRung(Repaired), QuickRung(PrintedTheorem1), ClockRung()
+WIRTINGER, REPAIRED, THEOREM_1, CLOCK = (
+    QuickRung(Wirtinger),
+    QuickRung(Repaired),
+    QuickRung(PrintedTheorem1),
+    ClockRung(),
+)
 
 
 def rungs(family: LpvZeroOrderHold, question: Question) -> Sequence[Rung]:
@@ -107,13 +112,15 @@ def rungs(family: LpvZeroOrderHold, question: Question) -> Sequence[Rung]:
 
 
 def too_many_corners(plant: Plant) -> str | None:
-    corners = 2 ** len(plant.slopes.uncertain)
+    corners = 2 ** len(plant.slopes.quantities)
     if corners <= MOST_CORNERS:
         return None
     return f"the slope box has {corners} corners, at most {MOST_CORNERS} are taken: declare fewer slopes that vary"
 
 
-def beyond(family: LpvZeroOrderHold, question: Question, own: Sequence[Method]) -> tuple[list[Certificate], dict[str, Any]]:
+def beyond(
+    family: LpvZeroOrderHold, question: Question, own: Sequence[Method]
+) -> tuple[list[Certificate], dict[str, Any]]:
     """(P, Y) that take the printed theorem furthest; the curve of period against rate; laws that no gain survives."""
     certificates: list[Certificate] = []
     details: dict[str, Any] = {}

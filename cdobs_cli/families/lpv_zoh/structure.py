@@ -28,7 +28,11 @@ def problems(family: LpvZeroOrderHold, plant: Plant) -> list[Problem]:
     def shape(path: tuple[str | int, ...], matrix: ExactMatrix, rows: int, columns: int) -> None:
         if matrix.shape != (rows, columns):
             got = f"{matrix.shape[0]} x {matrix.shape[1]}"
-            found.append(Problem(("observer", *path), "a matrix of another shape is expected", got=got, allowed=f"{rows} x {columns}"))
+            found.append(
+                Problem(
+                    ("observer", *path), "a matrix of another shape is expected", got=got, allowed=f"{rows} x {columns}"
+                )
+            )
 
     if plant.sampling.is_updated:
         found.append(

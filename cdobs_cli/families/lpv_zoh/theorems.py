@@ -40,14 +40,11 @@ def error_maps(view: PlantView[Mat]) -> ErrorMaps[Mat]:
     Source: Boukal2020, (24), written over (e, w).
     """
     A, C, L = view.A, view.C, view.gain["L"]
-    n = A.shape[0]
-    units: list[Any] = [view.unit(i) for i in range(n)]
     F: Any = A - L @ C
     held = C.T * 0
     return ErrorMaps(
         base=block([[F, L], [C @ F, C @ L]]),
-        left=tuple(block([[units[i]], [C @ units[i]]]) for i, _ in view.entries),
-        right=tuple(block([[units[j].T, held[[j], :]]]) for _, j in view.entries),
+        parts=tuple(block([[part, held], [C @ part, C @ held]]) for part in view.parts),
         lower=view.lower,
         upper=view.upper,
         jump=block([[view.identity, held], [held.T, (C @ C.T) * 0]]),
@@ -76,7 +73,9 @@ def lmi_26(P: Mat, Y: Mat, A_i: Mat, C: Mat, R: Mat, tau_max: Any, delta: Any, m
     return symmetric(P @ A_i - Y @ C) + Y @ Y.T + (R.T @ R) * (2 * tau_max * tau_max * delta) + identity * mu
 
 
-def lmi_26_schur(P: Mat, Y: Mat, A_i: Mat, C: Mat, R: Mat, tau_max: Any, delta: Any, mu: Any, identity: Mat, one: Mat) -> Mat:
+def lmi_26_schur(
+    P: Mat, Y: Mat, A_i: Mat, C: Mat, R: Mat, tau_max: Any, delta: Any, mu: Any, identity: Mat, one: Mat
+) -> Mat:
     """(26) with Y Y' taken out by a Schur complement, affine in (P, Y, mu): this matrix <= 0.
 
         [[Sym(P A_i - Y C) + 2 tau_max^2 delta R'R + mu I, Y], [Y', -1]] <= 0

@@ -179,7 +179,9 @@ class ReachableSet(Method):
                       "every reachable error.", "Dinh2014, Theorem III.2", margin=room, method="interval evaluation of the first zero")
             )  # fmt: skip
         claims.append(inclusion_claim(question.card, plant, delta, part.inclusion and part.in_time))
-        claims.append(Claim("set.positive", "premise", _status(part.positive), f"{letter} is positive definite.", SOURCE))
+        claims.append(
+            Claim("set.positive", "premise", _status(part.positive), f"{letter} is positive definite.", SOURCE)
+        )
         return claims + self._constants_claims(question, part)
 
     def _constants_claims(self, question: Question, proof: SetProof) -> list[Claim]:
@@ -198,7 +200,7 @@ class ReachableSet(Method):
         """V after k periods is at most rho^(2k) V, and between samples |e| grows at most by exp(mu delta), mu the largest
         logarithmic norm of A + V; twice that growth, as the first jump may come a period late."""
         plant, delta, rho_squared = question.plant, float(self.law.T_max), float(Fraction(self.rho_squared))
-        if len(plant.slopes.uncertain) > MAX_ENTRIES_OF_ETA or not 1e-12 < rho_squared < 1 or self.form != "reduced":
+        if len(plant.slopes.quantities) > MAX_ENTRIES_OF_ETA or not 1e-12 < rho_squared < 1 or self.form != "reduced":
             return None
         space = kernel(plant.C)
         eigenvalues = np.linalg.eigvalsh(ExactMatrix(self.Q or []).floats)
@@ -239,7 +241,7 @@ def constants(question: Question, certificate: ReachableSet) -> Constants | None
     Source: Dinh2014, proof of Theorem II.2
     """
     plant, K = question.plant, question.gain("K")
-    large = plant.n > MAX_STATES_OF_CONSTANTS or len(plant.slopes.uncertain) > MAX_ENTRIES_OF_ETA
+    large = plant.n > MAX_STATES_OF_CONSTANTS or len(plant.slopes.quantities) > MAX_ENTRIES_OF_ETA
     boxes = None if large else matrix_set(question.card, plant, certificate.law.T_max)
     if boxes is None or (certificate.s is None and certificate.form == "reduced"):
         return None
@@ -251,7 +253,9 @@ def constants(question: Question, certificate: ReachableSet) -> Constants | None
     eigenvalues = np.linalg.eigvalsh(P.floats)
     least = Fraction(0.999 * float(min(np.linalg.eigvalsh(gap.floats)[0] for gap in gaps)))
     largest, smallest = Fraction(1.000001 * float(eigenvalues[-1])), Fraction(0.999999 * float(eigenvalues[0]))
-    top = Fraction(max(0.0, 1.001 * max(float(np.linalg.eigvalsh(rate.floats)[-1]) for rate in rates)) + 1e-9 * float(largest))
+    top = Fraction(
+        max(0.0, 1.001 * max(float(np.linalg.eigvalsh(rate.floats)[-1]) for rate in rates)) + 1e-9 * float(largest)
+    )
     proved = (
         least > 0
         and smallest > 0

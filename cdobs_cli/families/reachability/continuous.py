@@ -29,7 +29,7 @@ def reference(plant: Plant) -> tuple[Certificate, ...]:
         return high_gain(plant)
     from cdobs_cli.certify.lmi import Program, full, symmetric
 
-    if 2 ** len(plant.slopes.uncertain) > MAX_CORNERS:
+    if 2 ** len(plant.slopes.quantities) > MAX_CORNERS:
         return ()
     corners = PlantView.floats(plant, {}).vertices
     # In the states' own units of time: s_i e_i with s_i = omega^-(i-1), omega the size of the flow.

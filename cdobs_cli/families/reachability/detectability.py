@@ -26,9 +26,7 @@ def undetectable(plant: Plant) -> str | None:
     middle = tuple((low + high) / 2 for low, high in zip(view.lower, view.upper, strict=True))
     corners = product(*zip(view.lower, view.upper, strict=True))
     for v in (middle, *islice(corners, MAX_CORNERS)):
-        flow = view.A.copy()
-        for value, (i, j) in zip(v, view.entries, strict=True):
-            flow[i, j] += value
+        flow = view.flow(v)
         if not np.all(np.isfinite(flow)):
             return None
         eigenvalues = np.linalg.eigvals(flow)
@@ -40,12 +38,18 @@ def undetectable(plant: Plant) -> str | None:
             if abs(sampled[a]) < 1 - TOLERANCE:
                 continue
             # The sampled eigenspace joins the eigenspaces of every flow eigenvalue that samples to the same.
-            same = [b for b in range(len(flow)) if abs(sampled[b] - sampled[a]) <= TOLERANCE * max(1.0, abs(sampled[a]))]
-            space = [_null_space(flow - eigenvalues[b] * np.eye(len(flow)), size) for b in _distinct(eigenvalues, same, size)]
+            same = [
+                b for b in range(len(flow)) if abs(sampled[b] - sampled[a]) <= TOLERANCE * max(1.0, abs(sampled[a]))
+            ]
+            space = [
+                _null_space(flow - eigenvalues[b] * np.eye(len(flow)), size) for b in _distinct(eigenvalues, same, size)
+            ]
             basis = np.concatenate(space, axis=1)
             seen = view.C @ basis
             if basis.shape[1] and _rank(seen, float(np.linalg.norm(view.C, 2)) or 1.0) < basis.shape[1]:
-                where = ", ".join(f"V_{i + 1}{j + 1} = {value:g}" for value, (i, j) in zip(v, view.entries, strict=True))
+                where = ", ".join(
+                    f"{rho.text(plant.states)} = {value:g}" for value, rho in zip(v, view.quantities, strict=True)
+                )
                 return (
                     f"(exp((A + V) delta), C) is not detectable at delta = {delta:g}{' with ' + where if where else ''}: "
                     f"no output sees the eigenvalue {_complex(complex(sampled[a]))}"
@@ -75,4 +79,8 @@ def _rank(matrix: Any, size: float) -> int:
 
 
 def _complex(value: complex) -> str:
-    return f"{value.real:.6g}" if abs(value.imag) < 1e-9 else f"{value.real:.6g} {'+' if value.imag > 0 else '-'} {abs(value.imag):.6g}i"
+    return (
+        f"{value.real:.6g}"
+        if abs(value.imag) < 1e-9
+        else f"{value.real:.6g} {'+' if value.imag > 0 else '-'} {abs(value.imag):.6g}i"
+    )

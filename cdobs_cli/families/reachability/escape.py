@@ -57,8 +57,8 @@ def escapes(plant: Plant, delta: Exact, boxes: tuple[IntervalMatrix, ...]) -> Wi
     return Witness(
         "switching" if len(arcs) > 1 else "constant", "class",
         times=tuple(str(Exact(f"({delta}) * {count} / {PIECES}")) for _, count in arcs),
-        values=tuple(_texts(plant, corners[corner], view) for corner, _ in arcs),
-        entries=plant.slopes.uncertain,
+        values=tuple(_texts(corners[corner], view) for corner, _ in arcs),
+        entries=tuple(rho.entry for rho in view.quantities),
         data={"arcs": [len(arcs)], "entry": [i + 1, j + 1], "reached": decimal_text(float(value.mid()), 9),
               "set": [lower_text(low[i][j], 9), upper_text(up[i][j], 9)]},
     )  # fmt: skip
@@ -76,11 +76,9 @@ def _hull(boxes: tuple[IntervalMatrix, ...], n: int) -> tuple[list[list[arb]], l
     return low, up
 
 
-def _texts(plant: Plant, v: tuple[Any, ...], view: PlantView[Matrix]) -> tuple[str, ...]:
-    texts = []
-    for value, low, entry in zip(v, view.lower, view.entries, strict=True):
-        texts.append(str((plant.slopes.lower if value is low else plant.slopes.upper)[entry]))
-    return tuple(texts)
+def _texts(v: tuple[Any, ...], view: PlantView[Matrix]) -> tuple[str, ...]:
+    ends = zip(v, view.lower, view.quantities, strict=True)
+    return tuple(str(rho.lower if value is low else rho.upper) for value, low, rho in ends)
 
 
 def inclusion_claim(family: Reachability, plant: Plant, delta: Exact, proved: bool) -> Claim:

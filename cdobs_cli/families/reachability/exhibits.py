@@ -63,7 +63,10 @@ def _lyapunov(plant: Plant, design: Design, certificate: ReachableSet, run: Run)
     bound = V[0] * float(certificate.rho_squared) ** np.arange(len(V))
     # Below the integrator's accuracy the measured V says nothing.
     keep = bound > 1e-24 * V[0]
-    series = (Series("V after each jump", t, V, "points", "measured"), Series("proved bound", t[keep], bound[keep], "line", "proved"))
+    series = (
+        Series("V after each jump", t, V, "points", "measured"),
+        Series("proved bound", t[keep], bound[keep], "line", "proved"),
+    )
     caption = "V = e'Pe just after each jump, and the proved bound rho^(2k) from its first value."
     return [Chart("lyapunov", "Lyapunov function at the samples", caption, (Panel("t", "V", series, "log"),))]
 
@@ -78,25 +81,42 @@ def _periods(family: Reachability, plant: Plant, design: Design, check: Check | 
     finite = [(f, float(limit.mid())) for f, limit in zip(factors, limits, strict=True) if limit.is_finite()]
     series: list[Series] = []
     if finite:
-        series.append(Series("delta_star, (31) holds below", [f for f, _ in finite], [d for _, d in finite], "line", "other"))
+        series.append(
+            Series("delta_star, (31) holds below", [f for f, _ in finite], [d for _, d in finite], "line", "other")
+        )
     periods = _largest_periods(family, plant, design, check)
     if periods:
-        series.append(Series("largest period of the set", [f for f, _ in periods], [d for _, d in periods], "line", "proved"))
+        series.append(
+            Series("largest period of the set", [f for f, _ in periods], [d for _, d in periods], "line", "proved")
+        )
     if not series:
         return []
     series.append(Series("this design", [1.0], [float(design.sampling.T_max)], "points", "measured"))
     caption = "All slope bounds times a factor: up to which period the set of Theorem III.2 holds, and up to which it gives a gain."
-    return [Chart("feasible_period", "Feasible period", caption, (Panel("factor on the slopes", "period", tuple(series), "log", "log"),))]
+    return [
+        Chart(
+            "feasible_period",
+            "Feasible period",
+            caption,
+            (Panel("factor on the slopes", "period", tuple(series), "log", "log"),),
+        )
+    ]
 
 
 def _scaled(values: tuple[Number, ...], factor: Fraction) -> tuple[Number, ...]:
     return tuple(value * (factor if isinstance(value, Fraction) else fraction_ball(factor)) for value in values)
 
 
-def _largest_periods(family: Reachability, plant: Plant, design: Design, check: Check | None) -> list[tuple[float, float]]:
+def _largest_periods(
+    family: Reachability, plant: Plant, design: Design, check: Check | None
+) -> list[tuple[float, float]]:
     """By search for two states (no solver); by time scaling from the longest one proved where a single slope is
     uncertain: c_k s^(n-k+1) goes with delta / s."""
-    stored = max((c for c in design.certificates if c.method == ReachableSet.name), key=lambda c: float(c.sampling.T_max), default=None)
+    stored = max(
+        (c for c in design.certificates if c.method == ReachableSet.name),
+        key=lambda c: float(c.sampling.T_max),
+        default=None,
+    )
     if plant.n == 2 and plant.p == 1:
         from cdobs_cli.families.reachability.set_design import end_of_any
 

@@ -114,7 +114,9 @@ class Bounds:
                 else:
                     # max{up m+, low m-} and min{low m+, up m-}; both products agree where all is even.
                     tie = entry.centred and i in self.even
-                    decided &= choose(size + a, arb(0) if tie else difference(up, plus, low, minus), (plus, up), (minus, low))
+                    decided &= choose(
+                        size + a, arb(0) if tie else difference(up, plus, low, minus), (plus, up), (minus, low)
+                    )
                     decided &= choose(a, arb(0) if tie else difference(up, minus, low, plus), (plus, low), (minus, up))
         return Matrix.from_rows(G), max(forcing, key=float).upper(), decided
 
@@ -182,7 +184,11 @@ def _bounds(entries: dict[tuple[int, int], Entry], n: int, start: int) -> Bounds
         not entries[k, i].centred and i not in even for i in reached if i != k and (k, i) in entries
     )}:  # fmt: skip
         even -= odd
-    return Bounds({pair: entry for pair, entry in entries.items() if set(pair) <= reached}, tuple(sorted(reached)), frozenset(even))
+    return Bounds(
+        {pair: entry for pair, entry in entries.items() if set(pair) <= reached},
+        tuple(sorted(reached)),
+        frozenset(even),
+    )
 
 
 class Column:
@@ -248,7 +254,9 @@ class Column:
         # Each round gains a power of h: small components need some to show their sign.
         for _ in range(PASSES):
             piece = _series(G, X, elapsed, L, h, size_X, forcing)
-            G, forcing, decided = bounds.slope(piece, _expansion(G, X, piece, elapsed, ((L * h).exp() * h * forcing).upper()), negligible)
+            G, forcing, decided = bounds.slope(
+                piece, _expansion(G, X, piece, elapsed, ((L * h).exp() * h * forcing).upper()), negligible
+            )
             if decided:
                 break
         after = _series(G, X, h, L, h, size_X, forcing)

@@ -30,10 +30,12 @@ class IntervalMatrix:
     def between(lower: Sequence[Sequence[arb]], upper: Sequence[Sequence[arb]]) -> IntervalMatrix:
         """From the ends; an entry whose ends are one and the same object does not vary."""
         center = [
-            [low if low is high else (low + high) / 2 for low, high in zip(*rows, strict=True)] for rows in zip(lower, upper, strict=True)
+            [low if low is high else (low + high) / 2 for low, high in zip(*rows, strict=True)]
+            for rows in zip(lower, upper, strict=True)
         ]
         radius = [
-            [0 if low is high else (high - low) / 2 for low, high in zip(*rows, strict=True)] for rows in zip(lower, upper, strict=True)
+            [0 if low is high else (high - low) / 2 for low, high in zip(*rows, strict=True)]
+            for rows in zip(lower, upper, strict=True)
         ]
         return IntervalMatrix(Matrix.from_rows(center), Matrix.from_rows(radius))
 
@@ -54,7 +56,11 @@ class IntervalMatrix:
         """Whether every member of `other` is certainly a member."""
         inner, outer = (other.lower.balls(), other.upper.balls()), (self.lower.balls(), self.upper.balls())
         size = range(self.center.shape[0])
-        return all(bool(outer[0][i, j] <= inner[0][i, j]) and bool(inner[1][i, j] <= outer[1][i, j]) for i in size for j in size)
+        return all(
+            bool(outer[0][i, j] <= inner[0][i, j]) and bool(inner[1][i, j] <= outer[1][i, j])
+            for i in size
+            for j in size
+        )
 
     def signs(self, active: Sequence[int]) -> Iterator[Signs]:
         """The sign vectors (eps, sigma) of the members that matter for vectors supported on the states `active`.

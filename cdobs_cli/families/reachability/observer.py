@@ -38,4 +38,4 @@ def observer(plant: Plant, design: Design) -> Observer:
 
 def inclusion(plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
     """The error system of the plant with gain K under the plant's sampling law."""
-    return HybridInclusion(corrected_copy, plant, gain, plant.sampling, plant.slopes.uncertain)
+    return HybridInclusion(corrected_copy, plant, gain, plant.sampling, plant.slopes.quantities)

@@ -71,7 +71,10 @@ def meeting(outer: IntervalMatrix, inner: IntervalMatrix) -> IntervalMatrix:
     """`outer` with each end that equals the end of `inner` to 25 digits moved out by as much: balls cannot
     tell whether equal numbers are in order, and (13) is proved with the ends that were moved."""
     ends = []
-    for sign, theirs, ours in ((-1, inner.lower.balls(), outer.lower.balls()), (1, inner.upper.balls(), outer.upper.balls())):
+    for sign, theirs, ours in (
+        (-1, inner.lower.balls(), outer.lower.balls()),
+        (1, inner.upper.balls(), outer.upper.balls()),
+    ):
         n = ours.shape[0]
         rows = [[ours[i, j] for j in range(n)] for i in range(n)]
         for i in range(n):
@@ -80,7 +83,9 @@ def meeting(outer: IntervalMatrix, inner: IntervalMatrix) -> IntervalMatrix:
                 if (ours[i, j] - theirs[i, j]).abs_upper() <= slack and not slack.is_zero():
                     rows[i][j] = ours[i, j] + 2 * sign * slack
         ends.append(rows)
-    varies = [[not _is_zero(outer.radius[i, j]) or bool(ends[0][i][j] < ends[1][i][j]) for j in range(n)] for i in range(n)]
+    varies = [
+        [not _is_zero(outer.radius[i, j]) or bool(ends[0][i][j] < ends[1][i][j]) for j in range(n)] for i in range(n)
+    ]
     for i in range(n):
         for j in range(n):
             if not varies[i][j]:
@@ -96,17 +101,27 @@ def typed_set(typed: MatrixSet, delta: arb) -> tuple[IntervalMatrix, ...] | None
     """The typed matrices at delta. Matrices that run over every combination of their entries' values are
     one box; its convex hull is that of the smallest and largest values."""
     matrices: list[MatrixRows] = [
-        tuple(tuple(frozenset(entry) if isinstance(entry, tuple) else frozenset((entry,)) for entry in row) for row in matrix)
+        tuple(
+            tuple(frozenset(entry) if isinstance(entry, tuple) else frozenset((entry,)) for entry in row)
+            for row in matrix
+        )
         for matrix in typed.matrices
     ]
     n = len(matrices[0])
-    joined: MatrixRows = tuple(tuple(frozenset().union(*(matrix[i][j] for matrix in matrices)) for j in range(n)) for i in range(n))
+    joined: MatrixRows = tuple(
+        tuple(frozenset().union(*(matrix[i][j] for matrix in matrices)) for j in range(n)) for i in range(n)
+    )
     if all(len(entry) == 1 for matrix in matrices for row in matrix for entry in row) and len(set(matrices)) == prod(
         len(entry) for row in joined for entry in row
     ):
         matrices = [joined]
     boxes = tuple(_box(matrix, delta) for matrix in matrices)
-    finite = all(value.is_finite() for box in boxes for row in box.upper.balls().tolist() + box.lower.balls().tolist() for value in row)
+    finite = all(
+        value.is_finite()
+        for box in boxes
+        for row in box.upper.balls().tolist() + box.lower.balls().tolist()
+        for value in row
+    )
     return boxes if finite else None
 
 

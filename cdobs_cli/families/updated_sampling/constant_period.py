@@ -26,7 +26,7 @@ def class_with(plant: Plant, variant: str, c: Exact, T: Exact, gain: dict[str, E
     upper = ExactMatrix([[c if entry else Exact(0) for entry in row] for row in inside])
     lower = ExactMatrix([[-c if entry else Exact(0) for entry in row] for row in inside])
     slopes, law = Slopes(lower, upper), SamplingLaw.periodic(T)
-    return HybridInclusion(corrected_copy, replace(plant, slopes=slopes, sampling=law), gain, law, slopes.uncertain)
+    return HybridInclusion(corrected_copy, replace(plant, slopes=slopes, sampling=law), gain, law, slopes.quantities)
 
 
 def longest(plant: Plant, variant: str, c: Exact, effort: int) -> Certificate | None:

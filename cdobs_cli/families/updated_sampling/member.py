@@ -22,7 +22,7 @@ def error_maps(view: PlantView[Any]) -> ErrorMaps[Any]:
     for column in unit[1:]:
         identity = identity + column @ column.T
     jump = identity + view.gain["K"] @ view.gain["alpha"] @ view.C
-    return ErrorMaps(view.A, (), (), (), (), jump)
+    return ErrorMaps(view.A, (), (), (), jump)
 
 
 def free_member(plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:

@@ -257,7 +257,7 @@ def test_vertices_are_only_those_of_entries_that_vary():
 
 def test_error_maps_are_the_sampled_error():
     for plant, L in ((sine(), PRINTED_L), (two_outputs(), ExactMatrix([[1, "0.1"], ["0.3", 0], ["0.2", 1], [0, "0.4"]]))):
-        inclusion = HybridInclusion(theorems.error_maps, plant, {"L": L}, plant.sampling, plant.slopes.uncertain)
+        inclusion = HybridInclusion(theorems.error_maps, plant, {"L": L}, plant.sampling, plant.slopes.quantities)
         maps, n = inclusion.floats, plant.n
         for flow, A_i in zip(maps.corners(), theorems.vertices_25(PlantView.floats(plant, {})), strict=True):
             monodromy = maps.jump @ exponential(flow * 0.37)

@@ -39,7 +39,15 @@ from cdobs_cli.certify.definite import eigenvalue_range, has_positive_pivots, po
 from cdobs_cli.certify.levels import Level
 from cdobs_cli.certify.linear import is_linear
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question
-from cdobs_cli.certify.methods.clock.form import Shape, erases_the_rest, flow_coefficients, in_basis, jump_gap, kept_states, lyapunov
+from cdobs_cli.certify.methods.clock.form import (
+    Shape,
+    erases_the_rest,
+    flow_coefficients,
+    in_basis,
+    jump_gap,
+    kept_states,
+    lyapunov,
+)
 from cdobs_cli.certify.methods.common_quadratic import is_linear_loop
 from cdobs_cli.certify.sampled_error import kept_and_lost
 from cdobs_cli.certify.texts import rate_of, rationals, symmetric_from_upper, upper_texts
@@ -138,7 +146,7 @@ class Clock(Method):
 
     def _prove(self, question: Question) -> Proof:
         law, shape, sigma, P = self.law, self.shape, rate_of(self.sigma), self.coefficients
-        if len(question.inclusion.entries) > MAX_CORNER_ENTRIES or not _well_posed(shape, law):
+        if len(question.inclusion.quantities) > MAX_CORNER_ENTRIES or not _well_posed(shape, law):
             return NOTHING
         maps = in_basis(question.inclusion.balls, self.S, self.S.inverse())
         size = maps.base.shape
@@ -149,7 +157,9 @@ class Clock(Method):
             return NOTHING
         for number in range(shape.jump_from, shape.count):
             at_zero = number == 0 and law.from_zero
-            falls = _gap_from_zero(P[0], maps.jump, kept) if at_zero else _positive(jump_gap(P[0], P[number], maps.jump))
+            falls = (
+                _gap_from_zero(P[0], maps.jump, kept) if at_zero else _positive(jump_gap(P[0], P[number], maps.jump))
+            )
             if not falls:
                 return NOTHING
         coefficients = list(flow_coefficients(P, shape, shape.lengths(law.T_min.scalar, law.T_max.scalar)))
@@ -259,7 +269,7 @@ def shapes(question: Question) -> Iterator[Shape]:
     if law.is_updated:
         return
     T_min, T_max = float(law.T_min), float(law.T_max)
-    if not 0 < T_max < 1e12 or len(question.inclusion.entries) > MAX_CORNER_ENTRIES:
+    if not 0 < T_max < 1e12 or len(question.inclusion.quantities) > MAX_CORNER_ENTRIES:
         return
     N = question.inclusion.floats.base.shape[0]
     for (d, D, pieces), largest in zip(_SCHEDULE, _LARGEST[question.level], strict=True):
@@ -282,7 +292,7 @@ def design_impulsive(question: Question, letter: str = "K") -> tuple[ExactMatrix
     be proved from 0. Uses the solver; the memory as in `Clock.propose`.
     """
     law = question.law
-    if len(question.inclusion.entries) > MAX_CORNER_ENTRIES or law.T_max.sign() != 1 or law.is_updated:
+    if len(question.inclusion.quantities) > MAX_CORNER_ENTRIES or law.T_max.sign() != 1 or law.is_updated:
         return None
     away = question
     if law.from_zero:
@@ -338,8 +348,8 @@ def _solve(question: Question, shape: Shape, C: Array | None) -> tuple[Solution,
     if law.from_zero:  # its zeros and ones exactly so
         exact = Matrix.from_rows(S)
         jump = (exact.inverse() @ inclusion.balls.jump @ exact).floats
-    unit = ErrorMaps(maps.base * T, tuple(column * T for column in maps.left), maps.right, maps.lower, maps.upper, jump)
-    if not all(np.all(np.isfinite(part)) for part in (unit.base, unit.jump, *unit.left, *unit.right)):
+    unit = ErrorMaps(maps.base * T, tuple(part * T for part in maps.parts), maps.lower, maps.upper, jump)
+    if not all(np.all(np.isfinite(part)) for part in (unit.base, unit.jump, *unit.parts)):
         return None
     problem = Search(shape, float(law.T_min) / T, maps.base.shape[0], None if C is None else C @ change, law.from_zero)
     problem.cuts = question.memory.setdefault((shape, C is None), set())

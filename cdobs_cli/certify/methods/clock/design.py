@@ -47,7 +47,10 @@ class ImpulsiveGain(GainSearch):
 
 
 def _candidate(
-    question: Question, met: tuple[ExactMatrix, Method] | None, merit: float | None = None, sigma: Fraction = Fraction(0)
+    question: Question,
+    met: tuple[ExactMatrix, Method] | None,
+    merit: float | None = None,
+    sigma: Fraction = Fraction(0),
 ) -> Candidate | None:
     """The gain with C K = I nearest to the one met, where that is proved too: such a gain loses nothing, and only one
     that keeps it exactly is reduced to ker C."""

@@ -97,8 +97,7 @@ def in_basis(maps: ErrorMaps[M_], S: M_, inverse: M_) -> ErrorMaps[M_]:
     left: Any = inverse
     return ErrorMaps(
         left @ maps.base @ S,
-        tuple(left @ column for column in maps.left),
-        tuple(row @ S for row in maps.right),  # type: ignore[operator]
+        tuple(left @ part @ S for part in maps.parts),
         maps.lower,
         maps.upper,
         left @ maps.jump @ S,

@@ -55,4 +55,6 @@ def longest_any(question: Question) -> tuple[ExactMatrix, Planar] | None:
     family = open_class(question)
     if family is None:
         return None
-    return last_proved(lambda below: limit_any_gain(family, below), lambda T: gain_at(question.at(T)), question.law.T_max)
+    return last_proved(
+        lambda below: limit_any_gain(family, below), lambda T: gain_at(question.at(T)), question.law.T_max
+    )

@@ -146,7 +146,9 @@ class _Cells:
         low = min(Fraction(float(value.lower())) for value in lows) - Fraction(1, 10**9)
         high = max(Fraction(float(value.upper())) for value in highs) + Fraction(1, 10**9)
         # Both lines lie inside: what is outside is refuted by the constant word, whatever x in [-X, X].
-        if not all(fraction_ball(low) <= value for value in lows) or not all(fraction_ball(high) >= value for value in highs):
+        if not all(fraction_ball(low) <= value for value in lows) or not all(
+            fraction_ball(high) >= value for value in highs
+        ):
             return None
         self.words.append(top)
         return -X, X, low, high
@@ -177,7 +179,9 @@ class _Cells:
         single = [self._word((arcs,)) for arcs in letters]
         words = []
         for count in range(1, 5):
-            kept = {min(word[k:] + word[:k] for k in range(count)) for word in product(range(len(letters)), repeat=count)}
+            kept = {
+                min(word[k:] + word[:k] for k in range(count)) for word in product(range(len(letters)), repeat=count)
+            }
             for word in sorted(kept):
                 balls = tuple(single[letter].balls[0] for letter in word)
                 words.append(_Word(balls, np.array([single[letter].floats[0] for letter in word])))
@@ -252,9 +256,9 @@ class _Cells:
         family = self.family
         lo, hi = ([float(arb(value).mid()) for value in ends] for ends in (family.lo, family.hi))
         J = np.array([[float(x), 0.0], [-float(K_2), 1.0]])
-        left = np.array([[0.0], [1.0]])
         base = np.array([[0.0, 1.0], [0.0, 0.0]])
-        maps = ErrorMaps(base, (left, left), (np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])), tuple(lo), tuple(hi), J)
+        parts = (np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([[0.0, 0.0], [0.0, 1.0]]))
+        maps = ErrorMaps(base, parts, tuple(lo), tuple(hi), J)
         period = Exact(self.delta)
         learned = False
         for count in range(1, 5):
@@ -275,7 +279,10 @@ class _Cells:
         lengths = [Fraction(decimal_text(length, 12)) for length, _ in arcs[:-1]]
         lengths.append(self.delta - sum(lengths, Fraction(0)))
         ends = (self.family.lo, self.family.hi)
-        return tuple((length, (ends[corner[0]][0], ends[corner[1]][1])) for length, (_, corner) in zip(lengths, arcs, strict=True))
+        return tuple(
+            (length, (ends[corner[0]][0], ends[corner[1]][1]))
+            for length, (_, corner) in zip(lengths, arcs, strict=True)
+        )
 
 
 def _halves(
@@ -293,7 +300,9 @@ def _halves(
 _BEYOND = (Fraction(1, 100_000), Fraction(1, 2000), Fraction(1, 100), Fraction(1, 10))
 
 
-def period_lost_by_every_gain(at: Callable[[Exact], HybridInclusion], above: Exact, effort: int) -> tuple[Exact, Refutation] | None:
+def period_lost_by_every_gain(
+    at: Callable[[Exact], HybridInclusion], above: Exact, effort: int
+) -> tuple[Exact, Refutation] | None:
     """A constant period not far above `above` at which every gain is proved to fail: the first that is found of a few.
 
     Args:

@@ -99,7 +99,11 @@ class Planar(Method):
             return None
         family, b = planar
         scaled = float(arb(K_2 * b).mid())
-        return last_proved(lambda below: limit_of_gain(family, scaled, below), lambda T: cls.propose(question.at(T)), question.law.T_max)
+        return last_proved(
+            lambda below: limit_of_gain(family, scaled, below),
+            lambda T: cls.propose(question.at(T)),
+            question.law.T_max,
+        )
 
 
 @dataclass(frozen=True)
@@ -133,13 +137,19 @@ def planar_class(inclusion: HybridInclusion) -> tuple[PlanarClass, Any] | None:
     """The planar class of an inclusion with flow matrix [[0, b], [., .]], b != 0, slopes in its last row, and
     the rational b (in the states (e_1, b e_2)); None for any other inclusion."""
     maps = inclusion.balls
-    if maps.base.shape != (2, 2) or maps.base[0, 0] != 0 or not isinstance(maps.base[0, 1], fmpq) or maps.base[0, 1] == 0:
+    if (
+        maps.base.shape != (2, 2)
+        or maps.base[0, 0] != 0
+        or not isinstance(maps.base[0, 1], fmpq)
+        or maps.base[0, 1] == 0
+    ):
         return None
     b = maps.base[0, 1]
     lo = [maps.base[1, 0], maps.base[1, 1]]
     hi = list(lo)
-    for (i, j), low, high in zip(inclusion.entries, maps.lower, maps.upper, strict=True):
-        if i != 1 or j > 1:
+    for rho, low, high in zip(inclusion.quantities, maps.lower, maps.upper, strict=True):
+        i, j = rho.entry
+        if i != 1 or j > 1 or not rho.is_entry:
             return None
         lo[j], hi[j] = lo[j] + _exact(low), hi[j] + _exact(high)
     ends = (lo[0] * b, hi[0] * b) if b > 0 else (hi[0] * b, lo[0] * b)
@@ -228,7 +238,9 @@ def branch(matrices: tuple[Matrix, Matrix], horizon: Fraction) -> Branch | None:
     else:
         return None
     made = Branch(first, second, _hull(fraction_ball(low), fraction_ball(high)))
-    if not _positive_on(e_2, Fraction(0), low) or not _positive_on(lambda t: made.at(t)[0, 0], low, horizon if horizon > low else low):
+    if not _positive_on(e_2, Fraction(0), low) or not _positive_on(
+        lambda t: made.at(t)[0, 0], low, horizon if horizon > low else low
+    ):
         return None
     return made
 

@@ -59,7 +59,9 @@ class Wirtinger(Method):
             return None
         solution, margin = largest_margin(
             {"P": symmetric(question.plant.n), "U": symmetric(question.plant.p)},
-            lambda x, A_i: -inequality(x["P"], x["U"], A_i - L @ view.C, L, view.C, q, float(question.rate) * tau, identity),
+            lambda x, A_i: (
+                -inequality(x["P"], x["U"], A_i - L @ view.C, L, view.C, q, float(question.rate) * tau, identity)
+            ),
             vertices,
             (lambda x: x["P"], lambda x: x["U"]),
             lambda x: np.trace(x["P"]) - 1,

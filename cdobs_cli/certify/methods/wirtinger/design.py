@@ -101,7 +101,7 @@ class HeldSynthesis:
         def at(epsilon: float) -> Proposal:
             return self.propose(tau, sigma, epsilon)
 
-        if (self.plant.n + self.plant.p) ** 3 * 2 ** len(self.plant.slopes.uncertain) > _COARSE:
+        if (self.plant.n + self.plant.p) ** 3 * 2 ** len(self.plant.slopes.quantities) > _COARSE:
             return max((at(epsilon) for epsilon in (1.0, 3.0, 0.3)), key=_margin)
         tried = [at(float(epsilon)) for epsilon in np.geomspace(*_EPSILONS, 9)]
         k = max(range(len(tried)), key=lambda k: tried[k].margin)

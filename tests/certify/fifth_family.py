@@ -43,7 +43,7 @@ class Copy(ConstantGain):
         return (ImpulsiveGain(),)
 
     def inclusion(self, plant: Plant, gain: Mapping[str, Any]) -> HybridInclusion:
-        return HybridInclusion(corrected_copy, plant, gain, plant.sampling, plant.slopes.uncertain)
+        return HybridInclusion(corrected_copy, plant, gain, plant.sampling, plant.slopes.quantities)
 
     def observer(self, plant: Plant, design: Design) -> Observer:
         K: ExactMatrix = design.gain["K"]

@@ -1,0 +1,130 @@
+"""A design made of a spec, its slopes found and its estimate confined; and whether a stored one is a design of it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from cdobs_cli.design import Design
+from cdobs_cli.exact.numbers import Exact, upper_text
+from cdobs_cli.hybrid import HybridSystem
+from cdobs_cli.plant import Box, Plant
+
+if TYPE_CHECKING:
+    from cdobs_cli.spec.model import Spec
+
+# Room for a transient that grows as the slopes over a wider domain do.
+_SPARE = 1.5
+
+
+def initial_errors(spec: Spec) -> Box | None:
+    """The typed x_hat(0) - x(0), where the estimate may have to be shown to stay near the domain."""
+    if spec.simulation is None or not spec.plant.domain or getattr(spec.observer, "saturate", True) is True:
+        return None
+    return spec.simulation.initial_errors(spec.plant.n)
+
+
+def plant_of(spec: Spec, design: Design) -> Plant:
+    """The plant with the slopes that the design found where they are `auto`; as it is where it found none."""
+    return spec.plant.with_slopes(design.slopes) if design.slopes else spec.plant
+
+
+def system_of(spec: Spec, design: Design) -> HybridSystem:
+    """Plant and observer as they run."""
+    plant = plant_of(spec, design)
+    return HybridSystem(plant, spec.observer.observer_as_run(plant, design), design.estimate.way == "open")
+
+
+def new_design(spec: Spec, effort: int) -> Design:
+    """A design: of the regions that automatic slopes may be found over the first that leaves the estimate room, else
+    the one for the domain itself."""
+    plant = spec.plant
+    if not plant.slopes.auto:
+        return _design_over(plant, spec, effort)
+    saturate = getattr(spec.observer, "saturate", False)
+    # With affine limits the continuation needs slopes on the whole box: wherever the estimate goes, that one serves.
+    if plant.domain.where and saturate is not False:
+        design = _design_over(plant.on_box, spec, effort)
+        if design.outcome != "none":
+            return design
+    design = _design_over(plant, spec, effort)
+    if design.outcome == "none" or design.estimate.way != "open":
+        return design
+    margin = {} if saturate is True else _margin_needed(spec, design)
+    wider = _design_over(plant.widened(margin), spec, effort) if margin else design
+    return wider if wider.outcome != "none" and wider.estimate.way != "open" else design
+
+
+def _design_over(region: Plant, spec: Spec, effort: int) -> Design:
+    """A design, its automatic slopes found over the domain of `region`, with what the solver was asked for it."""
+    from cdobs_cli.certify.lmi import solver_log, summary
+
+    plant, observer = spec.plant, spec.observer
+    slopes: dict[str, tuple[str, str]] = {}
+    if plant.slopes.auto:
+        from cdobs_cli.bounds.slopes import resolve, unbounded_claims
+
+        resolved, slopes = resolve(region)
+        if resolved.slopes.auto:
+            reason = "; ".join(claim.statement for claim in unbounded_claims(resolved))
+            return Design(observer.name, "none", plant.sampling, {}, reason=reason)
+        plant = plant.with_slopes(slopes)
+    with solver_log() as records:
+        design = observer.synthesize(plant, effort)
+    design = replace(design, slopes=slopes, solver=summary(records))
+    if design.outcome == "none":
+        return design
+    return replace(design, estimate=observer.confine(plant, design, initial_errors(spec)))
+
+
+def _margin_needed(spec: Spec, design: Design) -> dict[str, Exact]:
+    """How far the estimate goes beyond the domain, with some room; empty where no level set shows it."""
+    start = initial_errors(spec)
+    transients = spec.observer.transients(plant_of(spec, design), design) if start is not None else ()
+    if start is None or not transients:
+        return {}
+    bounds = min((transient(start) for transient in transients), key=lambda ends: max(float(end) for end in ends))
+    if not all(bound.is_finite() for bound in bounds):
+        return {}
+    names = spec.plant.states
+    return {name: Exact(upper_text(bound * _SPARE, 3)) for name, bound in zip(names, bounds, strict=True)}
+
+
+def is_design_of(spec: Spec, stored: Design) -> bool:
+    """Whether a stored design holds what the spec gives, makes an observer, and is for the sampling law that the spec
+    asks for (under max_period: that law at the same period or a longer one)."""
+    if stored.family != spec.observer.name or not _holds_what_is_given(spec, stored):
+        return False
+    if stored.outcome != "none":
+        try:
+            system_of(spec, stored)
+        except Exception:  # whatever a matrix of another shape, or a text that is no number, comes to
+            return False
+    asked, law = spec.plant.sampling, stored.sampling
+    if law == asked:
+        return True
+    longer = (law.T_max - asked.T_max).sign() == 1 and law == asked.with_period(law.T_max)
+    return longer and getattr(spec.observer, "objective", None) == "max_period"
+
+
+def _holds_what_is_given(spec: Spec, stored: Design) -> bool:
+    """Whether the gains, the feedback and the options that the spec types are those of the design, and the slopes
+    those that it leaves to be found."""
+    given, auto = spec.observer.given(), spec.plant.slopes.auto
+    if not all(letter in given and given[letter] in (None, matrix) for letter, matrix in stored.gain.items()):
+        return False
+    if stored.outcome == "none":
+        return True
+    typed = getattr(spec.observer, "gain", None) is not None
+    if (stored.outcome == "given") != typed or stored.slopes.keys() != {f"{i + 1}.{j + 1}" for i, j in auto}:
+        return False
+    return given.keys() == stored.gain.keys() and _is_confined_as_typed(spec, stored)
+
+
+def _is_confined_as_typed(spec: Spec, stored: Design) -> bool:
+    """Whether the estimate is kept where the slopes hold in a way that the family has and `saturate` leaves (that it
+    is kept is proved by `check`)."""
+    way, saturate = stored.estimate.way, getattr(spec.observer, "saturate", False)
+    if way == "cut":
+        return spec.observer.confine(spec.plant, replace(stored, certificates=()), None).way == "cut"
+    return (way, saturate) not in (("continuation", False), ("margin", True))
