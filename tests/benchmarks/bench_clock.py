@@ -22,7 +22,10 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1] / "certify"))
 
 # Where the search for a period starts.
-START = {False: dict.fromkeys(range(2, 9), 0.9), True: dict(zip(range(2, 9), (0.7, 0.5, 0.35, 0.28, 0.22, 0.18, 0.15), strict=True))}
+START = {
+    False: dict.fromkeys(range(2, 9), 0.9),
+    True: dict(zip(range(2, 9), (0.7, 0.5, 0.35, 0.28, 0.22, 0.18, 0.15), strict=True)),
+}
 
 
 def one(n: int, ones: bool, effort: int) -> None:
@@ -56,7 +59,9 @@ def growth(largest: int, effort: int, folder: Path) -> None:
     found = []
     for ones in (False, True):
         for n in range(2, largest + 1):
-            command = [sys.executable, __file__, "one", "--states", str(n), "--effort", str(effort)] + (["--ones"] if ones else [])
+            command = [sys.executable, __file__, "one", "--states", str(n), "--effort", str(effort)] + (
+                ["--ones"] if ones else []
+            )
             line = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
             print(line, flush=True)
             found.append(json.loads(line))
@@ -68,20 +73,26 @@ def draw_growth(found: list[dict], folder: Path) -> None:
     from cdobs_cli.chart import Chart, Panel, Series
     from cdobs_cli.report.figures import draw
 
-    quantities = {"search_s": "search (s)", "proof_s": "proof (s)", "flow_inequalities": "flow inequalities", "peak_MB": "memory (MB)"}
+    quantities = {
+        "search_s": "search (s)",
+        "proof_s": "proof (s)",
+        "flow_inequalities": "flow inequalities",
+        "peak_MB": "memory (MB)",
+    }
     labels = {"first": "c = (1, 0, ..)", "ones": "c = (1, .., 1)"}
+    rows = {c: [row for row in found if row["c"] == c] for c in labels}
+
+    def series(name: str, c: str) -> Series:
+        return Series(labels[c], [row["n"] for row in rows[c]], [max(row[name], 0.01) for row in rows[c]])
+
     panels = tuple(
-        Panel(
-            "states n", text, y_scale="log",
-            series=tuple(
-                Series(label, [row["n"] for row in found if row["c"] == c], [max(row[name], 0.01) for row in found if row["c"] == c])
-                for c, label in labels.items()
-            ),
-        )
+        Panel("states n", text, y_scale="log", series=tuple(series(name, c) for c in labels))
         for name, text in quantities.items()
-    )  # fmt: skip
+    )
     folder.mkdir(parents=True, exist_ok=True)
-    drawing = draw(Chart("clock_growth", "Growth with the number of states", "The largest period found, at one effort.", panels))
+    drawing = draw(
+        Chart("clock_growth", "Growth with the number of states", "The largest period found, at one effort.", panels)
+    )
     for ending in ("svg", "png", "csv"):
         (folder / f"clock_growth.{ending}").write_bytes(getattr(drawing, ending))
 
@@ -133,7 +144,10 @@ def direct(steps: int = 40) -> None:
             middle = (low + high) / 2
             low, high = (middle, high) if feasible(middle, cuts) else (low, middle)
         results[name] = (time.perf_counter() - began, low)
-        print(f"{name:7s} {results[name][0]:8.2f} s for {steps} steps to T = {low:.6f}, clarabel {clarabel.__version__}", flush=True)
+        print(
+            f"{name:7s} {results[name][0]:8.2f} s for {steps} steps to T = {low:.6f}, clarabel {clarabel.__version__}",
+            flush=True,
+        )
     print(f"ratio {results['cvxpy'][0] / results['direct'][0]:.1f}")
 
 

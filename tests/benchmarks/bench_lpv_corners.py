@@ -2,8 +2,8 @@
 
     PYTHONPATH=. python tests/benchmarks/bench_lpv_corners.py [largest n] [--verbs]
 
-Prints, for each n: the period, seconds of processor time for the gain (convex synthesis), for the certificate of the rounded
-gain, for its proof in balls at all 2^n corners; with --verbs also seconds of `synthesize` and `certify`, and
+Prints, for each n: the period, seconds of processor time for the gain (convex synthesis), for the certificate of the
+rounded gain, for its proof in balls at all 2^n corners; with --verbs also seconds of `synthesize` and `certify`, and
 the verdict.
 """
 
@@ -51,7 +51,8 @@ def main() -> None:
         proved = certificate is not None and certificate.prove(question).holds
         ended = time.process_time()
         outcome = "proved" if proved else "undecided"
-        print(f"{n:>2} {2**n:>7} {T:>6} {gained - start:>8.3f} {searched - gained:>8.3f} {ended - searched:>8.3f}  {outcome}", flush=True)
+        seconds = f"{gained - start:>8.3f} {searched - gained:>8.3f} {ended - searched:>8.3f}"
+        print(f"{n:>2} {2**n:>7} {T:>6} {seconds}  {outcome}", flush=True)
         if "--verbs" in sys.argv:
             card = LpvZeroOrderHold()
             start = time.process_time()
