@@ -8,7 +8,8 @@ import time
 from functools import partial
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bounds"))
+TESTS = Path(__file__).resolve().parents[1]
+sys.path[:0] = [str(TESTS), str(TESTS / "bounds")]
 
 from test_proved_bounds import sampled_violations
 from test_slopes import bioreactor, make_plant
