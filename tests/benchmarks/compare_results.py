@@ -17,8 +17,7 @@ SLACK = 1e-9  # relative: digits beyond a search's own tolerance say nothing
 
 def read(folder: Path) -> dict[str, Any]:
     return {
-        str(path.parent.relative_to(folder)): json.loads(path.read_text(encoding="utf-8"))
-        for path in sorted(folder.rglob("check.json"))
+        str(path.parent.relative_to(folder)): json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder.rglob("check.json"))
     }
 
 
@@ -41,7 +40,9 @@ def differences(before: dict[str, Any], after: dict[str, Any]) -> list[tuple[str
     rows = []
     if before["verdict"] != after["verdict"]:
         rows.append(("verdict", f"{before['verdict']} -> {after['verdict']}", float("-inf")))
-    kinds = [next((c["witness"] and c["witness"]["kind"] for c in one["claims"] if c["id"] == "convergence"), None) for one in (before, after)]
+    kinds = [
+        next((c["witness"] and c["witness"]["kind"] for c in one["claims"] if c["id"] == "convergence"), None) for one in (before, after)
+    ]
     if kinds[0] != kinds[1]:
         rows.append(("witness", f"{kinds[0]} -> {kinds[1]}", 0.0 if kinds[1] else float("-inf")))
     for name in sorted(before["bounds"].keys() | after["bounds"].keys()):

@@ -49,7 +49,9 @@ def test_a_loop_that_never_converges_has_no_interval():
     assert longest(lambda T: unstable, "1", 0) is None
 
 
-@pytest.mark.parametrize(("low", "high"), [("2.9", "4.9"), ("2.5", "4.4"), ("3.3", "4.6"), ("0.5", "4.5"), ("1.5", "3")])
+@pytest.mark.parametrize(
+    ("low", "high"), [("2.9", "4.9"), ("2.5", "4.4"), ("3.3", "4.6"), ("0.5", "4.5"), ("1.5", "3")]
+)
 def test_a_cover_leaves_no_period_out(low, high):
     """Stable between pi and pi + 1.39: unstable before and after, though the middle may be stable."""
     assert not _covers(oscillator("1"), Fraction(low), Fraction(high))

@@ -35,15 +35,25 @@ def linear(A, law, slopes=CONSTANT):
     return Plant(("a", "b"), (), A, (ZERO, ZERO), None, ExactMatrix([[1, 0]]), slopes, law)
 
 
-@pytest.mark.parametrize(("name", "gain"), [("reachability", {"K": [["1"], ["0.3"]]}), ("lpv_zoh", {"L": [["0.4"], ["0.1"]]})])
+@pytest.mark.parametrize(
+    ("name", "gain"), [("reachability", {"K": [["1"], ["0.3"]]}), ("lpv_zoh", {"L": [["0.4"], ["0.1"]]})]
+)
 def test_a_certificate_of_another_law_moves_no_bound(name, gain):
     """What holds for periods in [1, 1.2] says nothing of periods in [0.1, 1.2]."""
-    card = {"reachability": Reachability, "lpv_zoh": LpvZeroOrderHold}[name].model_validate({"family": name, "gain": gain})
-    at, wider = (linear(ExactMatrix([[0, 1], [-1, 0]]), SamplingLaw("aperiodic", Exact(low), Exact("1.2"))) for low in ("1", "0.1"))
+    card = {"reachability": Reachability, "lpv_zoh": LpvZeroOrderHold}[name].model_validate(
+        {"family": name, "gain": gain}
+    )
+    at, wider = (
+        linear(ExactMatrix([[0, 1], [-1, 0]]), SamplingLaw("aperiodic", Exact(low), Exact("1.2")))
+        for low in ("1", "0.1")
+    )
     names = {method.name for method in GENERAL.methods}
     stored = card.synthesize(at, 0).certificates
     clocks = tuple(c for c in stored if c.method in names and c.sampling.T_max == Exact("1.2"))
-    assert card.certify(at, Design(name, "given", at.sampling, dict(card.gain), clocks), 0).bounds["period_max"].proved == "1.2"
+    assert (
+        card.certify(at, Design(name, "given", at.sampling, dict(card.gain), clocks), 0).bounds["period_max"].proved
+        == "1.2"
+    )
     check = card.certify(wider, Design(name, "given", wider.sampling, dict(card.gain), clocks), 0)
     assert check.verdict == "undecided"
     bound = check.bounds.get("period_max")
@@ -66,7 +76,10 @@ def test_no_gain_under_one_law_says_nothing_of_another():
 @pytest.mark.parametrize("T", ["1", "2"])
 def test_half_periods_of_an_oscillator_end_in_a_finding(T):
     at = linear(OSCILLATOR, SamplingLaw.periodic(Exact(T)))
-    for card in (LpvZeroOrderHold.model_validate({"family": "lpv_zoh"}), Reachability.model_validate({"family": "reachability"})):
+    for card in (
+        LpvZeroOrderHold.model_validate({"family": "lpv_zoh"}),
+        Reachability.model_validate({"family": "reachability"}),
+    ):
         design = card.synthesize(at, 0)
         assert design.outcome == "none" and design.reason
         assert card.certify(at, design, 0).verdict != "proved"
@@ -74,8 +87,14 @@ def test_half_periods_of_an_oscillator_end_in_a_finding(T):
 
 def test_vertices_that_balls_cannot_place_are_open():
     at = linear(NONE, SamplingLaw.periodic(Exact(1)), Slopes(NONE, ExactMatrix([[0, 0], ["pi", 0]])))
-    inside, open_, outside = (ExactMatrix([[0, 0], [value, 0]]) for value in ("3", "(pi + 1e-60) - 2*pi + pi + pi", "3.2"))
-    assert [_vertices_claim(at, (vertex,)).status for vertex in (inside, open_, outside)] == ["proved", "undecided", "refuted"]
+    inside, open_, outside = (
+        ExactMatrix([[0, 0], [value, 0]]) for value in ("3", "(pi + 1e-60) - 2*pi + pi + pi", "3.2")
+    )
+    assert [_vertices_claim(at, (vertex,)).status for vertex in (inside, open_, outside)] == [
+        "proved",
+        "undecided",
+        "refuted",
+    ]
 
 
 def test_updated_sampling_needs_the_signs_that_its_law_takes_for_granted():
@@ -83,7 +102,8 @@ def test_updated_sampling_needs_the_signs_that_its_law_takes_for_granted():
 
     still = Plant(
         ("x1", "x2"), (), ExactMatrix([[0, 1], [0, 0]]), (ZERO, parse("sin(x1)", frozenset({"x1"}))), None,
-        ExactMatrix([[1, 0]]), Slopes(ExactMatrix([[0, 0], [-1, 0]]), ExactMatrix([[0, 0], [1, 0]])), SamplingLaw("updated"),
+        ExactMatrix([[1, 0]]), Slopes(ExactMatrix([[0, 0], [-1, 0]]), ExactMatrix([[0, 0], [1, 0]])),
+        SamplingLaw("updated"),
     )  # fmt: skip
     card = UpdatedSampling.model_validate({"family": "updated_sampling"})
     design = updated(card, still, 0)
