@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from itertools import product
 from typing import Literal
 
 from cdobs_cli.exact.expression import ZERO, Expression, Variable, call
@@ -77,12 +78,9 @@ class Slopes:
     def entries(self) -> tuple[tuple[int, int], ...]:
         """Entries that are not the constant 0, row by row."""
         n, m = self.lower.shape
-        return tuple(
-            (i, j)
-            for i in range(n)
-            for j in range(m)
-            if (i, j) in self.auto or self.lower[i, j].sign() != 0 or self.upper[i, j].sign() != 0
-        )
+        ends = (self.lower, self.upper)
+        places = product(range(n), range(m))
+        return tuple(at for at in places if at in self.auto or any(end[at].sign() != 0 for end in ends))
 
     @property
     def uncertain(self) -> tuple[tuple[int, int], ...]:
