@@ -130,8 +130,8 @@ class Plant:
         upper = all(self.A[i, j].sign() == 0 for i in range(n) for j in range(i))
         return upper and all(j >= i for i, j in self.slopes.entries)
 
-    def with_slopes(self, found: Mapping[str, tuple[str, str]]) -> Plant:
-        """The plant with slopes declared `auto` replaced by bounds found: {"i.j": (lower, upper)}, from 1.
+    def with_slopes(self, bounds: Mapping[str, tuple[str, str]]) -> Plant:
+        """The plant with slopes declared `auto` replaced by bounds: {"i.j": (lower, upper)}, from 1.
 
         Raises: KeyError where an `auto` entry has no bound.
         """
@@ -140,7 +140,7 @@ class Plant:
         lower = [list(row) for row in self.slopes.lower.rows]
         upper = [list(row) for row in self.slopes.upper.rows]
         for i, j in self.slopes.auto:
-            low, high = found[f"{i + 1}.{j + 1}"]
+            low, high = bounds[f"{i + 1}.{j + 1}"]
             lower[i][j], upper[i][j] = Exact(low), Exact(high)
         return replace(self, slopes=Slopes(ExactMatrix(lower), ExactMatrix(upper)))
 

@@ -18,8 +18,8 @@ _SCHEMA = "https://json.schemastore.org/sarif-2.1.0.json"
 def document(command: str, results: list[Result], code: ExitCode) -> str:
     """One run with one invocation."""
     failed = [message for result in results if result.status == "failed" for message in result.messages]
-    found = [message for result in results if result.status != "failed" for message in result.messages]
-    rules = sorted({message.rule for message in found})
+    messages = [message for result in results if result.status != "failed" for message in result.messages]
+    rules = sorted({message.rule for message in messages})
     driver = {"name": "cdobs", "version": __version__, "rules": [{"id": rule, "name": _pascal(rule)} for rule in rules]}
     invocation = {
         "executionSuccessful": code != ExitCode.FAILED, "exitCode": int(code), "commandLine": f"cdobs {command}",
@@ -32,7 +32,7 @@ def document(command: str, results: list[Result], code: ExitCode) -> str:
             "ruleId": message.rule, "ruleIndex": rules.index(message.rule), "level": message.severity,
             "message": {"text": message.told}, "locations": _locations(message),
         }
-        for message in found
+        for message in messages
     ]  # fmt: skip
     run = {
         "tool": {"driver": driver},

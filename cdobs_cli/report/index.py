@@ -48,7 +48,7 @@ class IndexEntry:
         of the figures that are there."""
         name, bound = report.headline_bound or (None, None)
         figure = next((name for name in ("error", "states", *pictures) if name in pictures), None)
-        failed = [f"expected {what}; found {found}" for what, holds, found in report.expectations if not holds]
+        failed = [f"expected {what}; found {value}" for what, holds, value in report.expectations if not holds]
         return IndexEntry(
             report.name, report.title, report.verdict, report.design.family, name, bound,
             f"{folder}/report.html", f"{folder}/figures/{figure}.svg" if figure else None,

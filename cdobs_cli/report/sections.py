@@ -82,8 +82,8 @@ def _slopes(report: Report) -> tuple[Block, ...]:
         low, up = str(plant.slopes.lower[i, j]), str(plant.slopes.upper[i, j])
         declared = f"[{low}, {up}]"
         if (i, j) in plant.slopes.auto:
-            found = report.design.slopes.get(key)
-            low, up = (end_text(found[0], 8, up=False), end_text(found[1], 8, up=True)) if found else (NOTHING, NOTHING)
+            ends = report.design.slopes.get(key)
+            low, up = (end_text(ends[0], 8, up=False), end_text(ends[1], 8, up=True)) if ends else (NOTHING, NOTHING)
             declared = f"auto: [{low}, {up}]"
         status: Cell = Mark(claim.status) if claim else "not checked"
         margin = margin_text(claim.margin) if claim else NOTHING
@@ -306,7 +306,7 @@ def _cell_texts(cell: str | float | int | Bound | None) -> tuple[str, ...]:
 
 
 def _expectations(report: Report) -> Section:
-    marked = ((what, Mark("holds" if holds else "fails"), found) for what, holds, found in report.expectations)
+    marked = ((what, Mark("holds" if holds else "fails"), value) for what, holds, value in report.expectations)
     rows: tuple[tuple[Cell, ...], ...] = tuple(marked)
     return Section("Expectations", (Grid(("expected", "outcome", "found"), rows),) if rows else ())
 

@@ -70,7 +70,7 @@ def from_bytes(content: bytes, document: Mapping[str, Any]) -> Run:
 
 def _unpacked(content: bytes) -> dict[str, NDArray[Any]]:
     """Every array of an archive; nothing is set aside for what its headers only promise."""
-    found: dict[str, NDArray[Any]] = {}
+    stored: dict[str, NDArray[Any]] = {}
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         members = archive.infolist()
         if sum(member.file_size for member in members) > MAX_BYTES or len(
@@ -78,8 +78,8 @@ def _unpacked(content: bytes) -> dict[str, NDArray[Any]]:
         ) < len(members):
             raise ValueError("arrays that are too large or come twice")
         for member in members:
-            found[member.filename.removesuffix(".npy")] = _array(archive.read(member))
-    return found
+            stored[member.filename.removesuffix(".npy")] = _array(archive.read(member))
+    return stored
 
 
 def _array(content: bytes) -> NDArray[Any]:

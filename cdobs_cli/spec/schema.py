@@ -66,12 +66,12 @@ def _require(name: str, definition: dict[str, Any]) -> None:
 def _blocks() -> list[Any]:
     from cdobs_cli.spec.block import Block
 
-    found, stack = [], [Block]
+    blocks, stack = [], [Block]
     while stack:
         block = stack.pop()
-        found.append(block)
+        blocks.append(block)
         stack.extend(block.__subclasses__())
-    return found
+    return blocks
 
 
 def _by_family(refs: dict[type[Any], Any]) -> dict[str, Any]:
