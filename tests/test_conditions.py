@@ -28,8 +28,8 @@ simulation:
 
 
 def result(folder: Path, **parts: str) -> Result:
-    filled = {"A": "0", "phi": "0", "slopes": "[[0]]", "more": "", "law": "period: 0.5", "noise": "", "family": "reachability",
-              "gain": "{K: [[0.9]]}", "options": "", "signals": ""} | parts  # fmt: skip
+    filled = {"A": "0", "phi": "0", "slopes": "[[0]]", "more": "", "law": "period: 0.5", "noise": "",
+              "family": "reachability", "gain": "{K: [[0.9]]}", "options": "", "signals": ""} | parts  # fmt: skip
     (folder / "s.yaml").write_text(SPEC.format(**filled))
     return run(Job(folder / "s.yaml", folder / "out"), ("synthesize", "check", "simulate"), Settings(effort=0))
 
