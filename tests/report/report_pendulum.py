@@ -94,8 +94,8 @@ def make_check() -> Check:
                   "0.03129", "clock"),
             Claim("convergence", "consequence", "proved", "The error converges for samples every 0.6 s",
                   "Dinh2014, Theorem III.2", True, None, None, "clock.0.6"),
-            Claim("period.refuted", "consequence", "refuted", "Convergence at T = 1.7131", "Dinh2014, Section IV", False,
-                  "-2e-4", "bang-bang", None, witness),
+            Claim("period.refuted", "consequence", "refuted", "Convergence at T = 1.7131", "Dinh2014, Section IV",
+                  False, "-2e-4", "bang-bang", None, witness),
             Claim("printed.set", "printed", "undecided", "The printed set | contains the box", "Dinh2014, (31)"),
             Claim("printed.gain", "printed", "refuted", "A + K C is Hurwitz", "Dinh2014, (32)", witness=Witness(
                 "vector", "class",
