@@ -35,10 +35,5 @@ def constant_gain(plant: Plant, K: ExactMatrix) -> Observer:
     hat = tuple(PREFIX + name for name in plant.states)
     innovation = [Variable(f"y.{k}") - row for k, row in enumerate(plant.outputs(PREFIX))]
     jump = [sum(weighted(K, i, innovation), Variable(name)) for i, name in enumerate(hat)]
-    return Observer(
-        states=hat,
-        start=tuple(Variable(f"initial.{name}") for name in plant.states),
-        flow=plant.right_hand_side(PREFIX),
-        jump=tuple(jump),
-        estimates={"x_hat": tuple(Variable(name) for name in hat)},
-    )
+    start, x_hat = (tuple(Variable(prefix + name) for name in plant.states) for prefix in ("initial.", PREFIX))
+    return Observer(hat, start, plant.right_hand_side(PREFIX), tuple(jump), {"x_hat": x_hat})

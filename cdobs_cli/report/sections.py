@@ -276,14 +276,8 @@ def _run_row(name: str, summary: RunSummary) -> tuple[Cell, ...]:
     ended = "diverged" if summary.diverged else "left the domain" if summary.left_domain else "completed"
     numbers = (summary.period_min, summary.period_max, summary.error_final)
     margin = number_text(summary.inclusion_margin, 4)
-    return (
-        name,
-        str(summary.measurements),
-        *(number_text(value) for value in numbers),
-        rmse,
-        margin,
-        summary.stopped or ended,
-    )
+    told = tuple(number_text(value) for value in numbers)
+    return (name, str(summary.measurements), *told, rmse, margin, summary.stopped or ended)
 
 
 def _exhibits(report: Report) -> Section:
