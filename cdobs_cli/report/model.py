@@ -14,10 +14,10 @@ from cdobs_cli.design import Design
 from cdobs_cli.plant import Domain, Plant, TypedDynamics
 
 if TYPE_CHECKING:
+    from cdobs_cli.coordinates import Coordinates
     from cdobs_cli.families.base import Family
     from cdobs_cli.hybrid import Observer
     from cdobs_cli.report.ladder import Ladder
-    from cdobs_cli.report.trajectories import WayBack
     from cdobs_cli.run import Run
 
 BOUND_TITLES = {
@@ -65,7 +65,7 @@ class Report:
     check: Check | None
     run: Run | None = None
     typed: TypedDynamics | None = None
-    coordinates: WayBack | None = None
+    coordinates: Coordinates | None = None
     expectations: tuple[tuple[str, bool, str], ...] = ()
     digests: Mapping[str, str] = field(default_factory=dict)
 
