@@ -255,9 +255,8 @@ def _atom(node: Expression) -> Formula:
         text = fraction_text(node.value)
         if len(text) > LONGEST_NUMBER:
             context = Context(prec=SHOWN_DIGITS, rounding=ROUND_DOWN)
-            return Digits(
-                f"{plain_decimal(context.divide(Decimal(node.value.numerator), Decimal(node.value.denominator)))}…"
-            )
+            value = context.divide(Decimal(node.value.numerator), Decimal(node.value.denominator))
+            return Digits(f"{plain_decimal(value)}…")
         if "/" in text:
             return Ratio(Digits(str(node.value.numerator)), Digits(str(node.value.denominator)))
         return Digits(text)
@@ -280,9 +279,8 @@ def _power(base: Expression, exponent: Fraction) -> Formula:
     named = isinstance(base, Call) and LANGUAGE[base.function].typeset.startswith("\\")
     if isinstance(base, Call) and named and exponent.denominator == 1 and exponent > 1:
         return applied(_raised(_name(base), above), _list(base.children))
-    if isinstance(base, Variable | Constant) or (
-        isinstance(base, Number) and base.value >= 0 and base.value.denominator == 1
-    ):
+    whole = isinstance(base, Number) and base.value >= 0 and base.value.denominator == 1
+    if whole or isinstance(base, Variable | Constant):
         return _raised(_atom(base), above)
     return Script(_fence(_sum(base)), None, above)
 

@@ -63,9 +63,8 @@ def from_bytes(content: bytes, document: Mapping[str, Any]) -> Run:
     try:
         return _run(_unpacked(content), document)
     except Exception as error:  # damaged archives raise whatever zipfile, zlib, numpy and tokenize have
-        raise ArtefactError(
-            f"simulation.npz and simulation.json are not of one run: {error}; simulate again"
-        ) from error
+        text = f"simulation.npz and simulation.json are not of one run: {error}; simulate again"
+        raise ArtefactError(text) from error
 
 
 def _unpacked(content: bytes) -> dict[str, NDArray[Any]]:
@@ -73,9 +72,8 @@ def _unpacked(content: bytes) -> dict[str, NDArray[Any]]:
     stored: dict[str, NDArray[Any]] = {}
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         members = archive.infolist()
-        if sum(member.file_size for member in members) > MAX_BYTES or len(
-            {member.filename for member in members}
-        ) < len(members):
+        twice = len({member.filename for member in members}) < len(members)
+        if twice or sum(member.file_size for member in members) > MAX_BYTES:
             raise ValueError("arrays that are too large or come twice")
         for member in members:
             stored[member.filename.removesuffix(".npy")] = _array(archive.read(member))
