@@ -1,4 +1,4 @@
-"""The making of a design: what the solver was asked stands in it, whatever the family, and a panic of it ends nothing."""
+"""The making of a design: what the solver was asked stands in it, whatever the family; a panic of it ends nothing."""
 
 from __future__ import annotations
 

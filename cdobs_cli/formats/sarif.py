@@ -24,7 +24,8 @@ def document(command: str, results: list[Result], code: ExitCode) -> str:
     invocation = {
         "executionSuccessful": code != ExitCode.FAILED, "exitCode": int(code), "commandLine": f"cdobs {command}",
         "toolExecutionNotifications": [
-            {"level": "error", "message": {"text": message.text}, "locations": _locations(message)} for message in failed
+            {"level": "error", "message": {"text": message.text}, "locations": _locations(message)}
+            for message in failed
         ],
     }  # fmt: skip
     findings = [
