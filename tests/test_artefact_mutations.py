@@ -413,7 +413,7 @@ def test_the_longest_period_of_another_law_is_not_that_of_this_one(tmp_path: Pat
 
 
 def test_a_run_with_other_trajectories_than_it_tells_of(folder: Path) -> None:
-    """Both files edited, every digest made to fit: the figures are those of the trajectories, or the run is made anew."""
+    """Both files edited, every digest made to fit: the figures are those of the trajectories, or all is made anew."""
     import hashlib
     from dataclasses import replace
 

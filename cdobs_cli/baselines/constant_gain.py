@@ -35,11 +35,6 @@ def constant_gain(plant: Plant, K: ExactMatrix) -> Observer:
     """x_hat' = A x_hat + phi(x_hat, u) + B u,  x_hat+ = x_hat + K (y - C x_hat). K (n, p)."""
     hat = tuple(PREFIX + name for name in plant.states)
     innovation = [Variable(f"y.{k}") - row for k, row in enumerate(plant.outputs(PREFIX))]
-    corrections = [[K[i, k].expression * residual for k, residual in enumerate(innovation)] for i in range(plant.n)]
-    return Observer(
-        states=hat,
-        start=tuple(Variable(f"initial.{name}") for name in plant.states),
-        flow=plant.right_hand_side(PREFIX),
-        jump=tuple(sum(own, Variable(name)) for name, own in zip(hat, corrections, strict=True)),
-        estimates={"x_hat": tuple(Variable(name) for name in hat)},
-    )
+    jump = [sum(weighted(K, i, innovation), Variable(name)) for i, name in enumerate(hat)]
+    start, x_hat = (tuple(Variable(prefix + name) for name in plant.states) for prefix in ("initial.", PREFIX))
+    return Observer(hat, start, plant.right_hand_side(PREFIX), tuple(jump), {"x_hat": x_hat})
