@@ -7,7 +7,7 @@ import numpy as np
 from cdobs_cli.exact.expression import Variable
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.hybrid import Observer
-from cdobs_cli.plant import Plant
+from cdobs_cli.plant import Plant, weighted
 
 PREFIX = "hat."
 
