@@ -12,16 +12,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cdobs_cli.certify.falsify import exponentials
+from cdobs_cli.certify.floats import exponentials
 from cdobs_cli.certify.sylvester import sylvester_rows
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
-from cdobs_cli.families.interval.boundedness import final_width
+from cdobs_cli.families.interval.hurwitz import final_width
+from cdobs_cli.families.interval.parts import Array
+from cdobs_cli.families.interval.system import System
 from cdobs_cli.families.interval.theorems import Coordinates, coordinates, error_flow, width_matrix
-from cdobs_cli.plant import Box, Plant
-
-Array = NDArray[np.float64]
+from cdobs_cli.plant import Plant
 
 S_DIGITS, L_DIGITS = 7, (9, 12, 15)  # of L the fewest that keep the structure of Assumption 3
 _STRUCTURE = 1e-7
@@ -51,13 +50,6 @@ class Shape:
         return self.R @ np.vstack([np.diag(q), np.zeros((len(self.S) - p, p))])
 
 
-def box_widths(box: Box | None, size: int) -> Array:
-    """upper - lower of a declared box, zeros without one, shape (size, 1)."""
-    if box is None:
-        return np.zeros((size, 1))
-    return np.array([[float(high) - float(low)] for low, high in zip(box.lower, box.upper, strict=True)])
-
-
 @dataclass(frozen=True)
 class Search:
     """The plant in floats, and the widths that `min_width` weighs (unit disturbances where none are declared)."""
@@ -69,7 +61,7 @@ class Search:
 
     @staticmethod
     def of(plant: Plant) -> Search:
-        disturbance, noise = box_widths(plant.disturbance, plant.n), box_widths(plant.noise, plant.p)
+        disturbance, noise = (width.floats for width in System(plant, {}).widths)
         if not disturbance.any() and not noise.any():
             disturbance = np.ones((plant.n, 1))
         return Search(np.array(plant.A.floats), np.array(plant.C.floats), disturbance, noise)

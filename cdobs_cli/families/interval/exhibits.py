@@ -13,7 +13,8 @@ from cdobs_cli.chart import Chart, Exhibits, Panel, Series, Table
 from cdobs_cli.design import Design
 from cdobs_cli.exact.numbers import upper_text
 from cdobs_cli.families.interval.analysis import Analysis
-from cdobs_cli.families.interval.theorems import error_flow, error_held
+from cdobs_cli.families.interval.sylvester import residuals
+from cdobs_cli.families.interval.system import System
 from cdobs_cli.families.interval.widths import comparison
 from cdobs_cli.plant import Plant
 from cdobs_cli.run import Run
@@ -52,20 +53,15 @@ def width_chart(plant: Plant, check: Check | None, run: Run | None) -> Chart | N
 
 def positivity_chart(plant: Plant, design: Design, check: Check | None) -> Chart | None:
     """The diagonal entries of E(s) that can turn negative, up to a little beyond their first zero."""
-    from cdobs_cli.certify.falsify import exponentials
-    from cdobs_cli.families.interval.certificates import Views
-
     bound = check.bounds.get("positivity_period_max.orthant") if check is not None else None
     if check is None or bound is None or bound.refuted is None:
         return None
-    z = Views.of(plant, design.gain).floats
-    M, N1 = error_flow(z.Q0), error_held(z.Q1)
-    size = len(M)
-    limit = float(bound.refuted)
+    errors, limit = System(plant, design.gain).errors, float(bound.refuted)
     s = np.linspace(0.0, 1.25 * max(limit, float(design.sampling.T_max)), 200)
-    flow = np.block([[M, np.eye(size)], [np.zeros((size, 2 * size))]])
-    parts = exponentials(flow[None] * s[:, None, None])
-    E = parts[:, :size, :size] + parts[:, :size, size:] @ N1
+    maps, N1 = errors.maps(s), errors.N1.floats
+    if maps is None:
+        return None
+    E = maps[0]
     series = [Series(f"$E_{{{j + 1}{j + 1}}}(s)$", s, E[:, j, j], "line", "other") for j in range(plant.n) if N1[j, j] < 0]
     series.append(Series("zero", (0.0,), (0.0,), "limit", "refuted"))
     series.append(Series("proved up to here", (float(bound.proved or 0),), (0.0,), "mark", "proved"))
@@ -117,14 +113,12 @@ def comparison_table(family: Interval, plant: Plant, design: Design, check: Chec
 
 def sylvester_table(plant: Plant, design: Design) -> Table | None:
     """Rates of the Sylvester equation, and what its printed solution leaves, computed anew."""
-    from cdobs_cli.families.interval.certificates import sylvester_residuals
-
     found = design.details.get("sylvester")
     if not found:
         return None
     try:
         rates, directions = np.array(found["rates"], float), np.array(found["directions"], float)
-        solved, structure = sylvester_residuals(plant, design.gain, rates, directions)
+        solved, structure = residuals(System(plant, design.gain), rates, directions)
     except (KeyError, TypeError, ValueError):  # not what synthesis writes
         return None
     rows: list[tuple[str | float, ...]] = [(f"rate {k + 1}", float(rate)) for k, rate in enumerate(rates)]

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from typing import Any
 
+import numpy as np
 from flint import arb
 
 from cdobs_cli.design import Design
@@ -18,7 +19,7 @@ from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import ExactMatrix, arb_fraction, decimal_text
 from cdobs_cli.families.interval.held_loop import closed_maps
 from cdobs_cli.families.interval.intersect import measured_rows
-from cdobs_cli.families.interval.parts import absolute, metzler_split, negative_part, positive_part
+from cdobs_cli.families.interval.parts import absolute, identity_like, metzler_split, negative_part, positive_part, zeros_like
 from cdobs_cli.families.interval.theorems import coordinates, error_flow, error_held
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, Observer, PlantView
 from cdobs_cli.plant import Box, Plant
@@ -188,14 +189,12 @@ def error_maps(view: PlantView[Any]) -> ErrorMaps[Any]:
     Source: Efimov2016, (11), (12)
     """
     S: Any = view.gain["S"]
-    R = S.inverse() if isinstance(S, Matrix) else _inverse(S)
+    R = S.inverse() if isinstance(S, Matrix) else np.linalg.inv(S)
     z = coordinates(view.A, view.C, S, R, view.gain["L"])
     M, N1 = error_flow(z.Q0), error_held(z.Q1)
-    zero: Any = M * 0
-    identity = Matrix.identity(M.shape[0]) if isinstance(M, Matrix) else _identity(M.shape[0])
-    return ErrorMaps(
-        base=block([[M, N1], [zero, zero]]), left=(), right=(), lower=(), upper=(), jump=block([[identity, zero], [identity, zero]])
-    )
+    zero, identity = zeros_like(M, *M.shape), identity_like(M, M.shape[0])
+    jump: Any = block([[identity, zero], [identity, zero]])
+    return ErrorMaps(base=block([[M, N1], [zero, zero]]), left=(), right=(), lower=(), upper=(), jump=jump)
 
 
 def closed_error_maps(view: PlantView[Any]) -> ErrorMaps[Any]:
@@ -212,18 +211,6 @@ def inclusion(plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
     if "K_lower" in gain and plant.B is not None:
         return HybridInclusion(closed_error_maps, plant, {**gain, "B": plant.B}, plant.sampling, ())
     return HybridInclusion(error_maps, plant, gain, plant.sampling, ())
-
-
-def _inverse(S: Any) -> Any:
-    import numpy as np
-
-    return np.linalg.inv(S)
-
-
-def _identity(size: int) -> Any:
-    import numpy as np
-
-    return np.eye(size)
 
 
 # ---------------------------------------------------------------- matrices of expressions

@@ -1,17 +1,21 @@
-"""Elementwise parts of a matrix, in floats and in balls: A^+, A^- and |A|, the diagonal and the rest.
+"""Elementwise parts of a matrix, A^+, A^- and |A|, the diagonal and the rest, and what else takes either arithmetic.
 
 Each function takes a numpy array or a Matrix and returns the same kind; balls that straddle zero stay enclosures.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import reduce
 from typing import Any, TypeVar
 
-from flint import arb, fmpq
+import numpy as np
+from flint import arb
+from numpy.typing import NDArray
 
-from cdobs_cli.exact.matrix import Matrix
+from cdobs_cli.exact.matrix import Matrix, block
 
+Array = NDArray[np.float64]
 T = TypeVar("T")
 
 
@@ -20,7 +24,7 @@ def positive_part(A: T) -> T:
 
     Source: Efimov2016, (1)
     """
-    return _entries(A, lambda i, j, value: _maximum(value, 0 * value))
+    return _each(A, lambda value: arb.max(value, arb(0)) if isinstance(value, arb) else max(value, 0), lambda floats: np.maximum(floats, 0))
 
 
 def negative_part(A: T) -> T:
@@ -28,7 +32,8 @@ def negative_part(A: T) -> T:
 
     Source: Efimov2016, (1)
     """
-    return _entries(A, lambda i, j, value: _maximum(-value, 0 * value))
+    matrix: Any = A
+    return positive_part(-matrix)  # type: ignore[no-any-return]
 
 
 def absolute(A: T) -> T:
@@ -36,17 +41,17 @@ def absolute(A: T) -> T:
 
     Source: Efimov2016, (1)
     """
-    return _entries(A, lambda i, j, value: abs(value))
+    return _each(A, abs, np.abs)
 
 
 def diagonal_part(A: T) -> T:
     """The main diagonal, zeros elsewhere."""
-    return _entries(A, lambda i, j, value: value if i == j else 0 * value)
+    return _where(A, lambda i, j: i == j)
 
 
 def off_diagonal_part(A: T) -> T:
     """Everything but the main diagonal."""
-    return _entries(A, lambda i, j, value: 0 * value if i == j else value)
+    return _where(A, lambda i, j: i != j)
 
 
 def metzler_split(Q: T) -> tuple[T, T]:
@@ -63,28 +68,57 @@ def metzler_split(Q: T) -> tuple[T, T]:
     return diagonal + positive_part(rest), negative_part(rest)
 
 
+def both_sides(M: Any) -> Any:
+    """[M^+ M^-; M^- M^+]: distances from both ends of a box of v, as distances of M v from both ends of its box."""
+    plus, minus = positive_part(M), negative_part(M)
+    return block([[plus, minus], [minus, plus]])
+
+
 def zeros_like(example: T, height: int, width: int) -> T:
     """A zero matrix in the arithmetic of another."""
-    if isinstance(example, Matrix):
-        return Matrix.zeros(height, width)  # type: ignore[return-value]
-    import numpy as np
-
-    return np.zeros((height, width))  # type: ignore[return-value]
+    return Matrix.zeros(height, width) if isinstance(example, Matrix) else np.zeros((height, width))  # type: ignore[return-value]
 
 
-def _maximum(a: Any, b: Any) -> Any:
-    if isinstance(a, fmpq):
-        return max(a, b)
-    if isinstance(a, arb):
-        return arb.max(a, b)
-    return max(float(a), float(b))
+def identity_like(example: T, size: int) -> T:
+    """An identity in the arithmetic of another matrix."""
+    return Matrix.identity(size) if isinstance(example, Matrix) else np.eye(size)  # type: ignore[return-value]
 
 
-def _entries(A: T, entry: Callable[[int, int, Any], Any]) -> T:
-    values: Any = A
-    if isinstance(values, Matrix):
-        return Matrix.from_rows([[entry(i, j, value) for j, value in enumerate(row)] for i, row in enumerate(values.tolist())])  # type: ignore[return-value]
-    import numpy as np
+def solve(A: Any, b: Any) -> Any:
+    """A^-1 b in the arithmetic of A."""
+    return A.solve(b) if isinstance(A, Matrix) else np.linalg.solve(A, b)
 
-    floats: Any = np.array([[entry(i, j, value) for j, value in enumerate(row)] for i, row in enumerate(values)], dtype=float)
-    return floats  # type: ignore[no-any-return]
+
+def column(values: Iterable[Any]) -> Matrix:
+    """Numbers as one column."""
+    return Matrix.from_rows([[value] for value in values])
+
+
+def entries(v: Matrix) -> list[arb]:
+    """The entries of a column in balls."""
+    return [arb(row[0]) for row in v.tolist()]
+
+
+def lower_of(one: Matrix, other: Matrix) -> Matrix:
+    """Entry by entry an upper bound of the smaller of two columns."""
+    return column(arb.min(a, b).upper() for a, b in zip(entries(one), entries(other), strict=True))
+
+
+def highest(columns: Iterable[Matrix]) -> Matrix:
+    """Entry by entry an upper bound of the largest of some columns."""
+    highest = [[value.upper() for value in entries(one)] for one in columns]
+    return column(reduce(arb.max, row) for row in zip(*highest, strict=True))
+
+
+def _each(A: T, entry: Callable[[Any], Any], floats: Callable[[Any], Any]) -> T:
+    if isinstance(A, Matrix):
+        return Matrix.from_rows([[entry(value) for value in row] for row in A.tolist()])  # type: ignore[return-value]
+    return floats(np.asarray(A, dtype=float))  # type: ignore[no-any-return]
+
+
+def _where(A: T, kept: Callable[[Any, Any], Any]) -> T:
+    if isinstance(A, Matrix):
+        rows = [[value if kept(i, j) else 0 for j, value in enumerate(row)] for i, row in enumerate(A.tolist())]
+        return Matrix.from_rows(rows)  # type: ignore[return-value]
+    floats = np.asarray(A, dtype=float)
+    return np.where(np.fromfunction(kept, floats.shape), floats, 0.0)  # type: ignore[return-value]

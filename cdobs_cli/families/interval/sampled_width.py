@@ -12,43 +12,26 @@ from flint import arb
 
 from cdobs_cli.certificate import Witness
 from cdobs_cli.exact.matrix import Matrix
-from cdobs_cli.exact.numbers import lower_text
-from cdobs_cli.families.interval.held_loop import growth, holds_on, law_ends
-from cdobs_cli.families.interval.hull import contraction
-from cdobs_cli.families.interval.parts import absolute, metzler_split
-from cdobs_cli.families.interval.theorems import Coordinates
+from cdobs_cli.families.interval.held import contracts, growing_period, growth_and_slope
+from cdobs_cli.families.interval.parts import absolute
+from cdobs_cli.families.interval.system import System
+from cdobs_cli.families.interval.theorems import width_flow
 from cdobs_cli.sampling import SamplingLaw
 
-_PIECES = 512
+
+def width_growth(Q0: Matrix, Mtot: Matrix, s: arb) -> tuple[Matrix, Matrix]:
+    """Phi(s) and Phi'(s) with E_w(s) = I + s Phi(s)."""
+    return growth_and_slope(width_flow(Q0), Mtot, s)
 
 
-def width_growth(Q0: Matrix, Mtot: Matrix, s: arb) -> Matrix:
-    """Phi(s) with E_w(s) = I + s Phi(s)."""
-    P, N = metzler_split(Q0)
-    return growth(P + N, Mtot, s)
-
-
-def width_contracts(Q0: Matrix, Mtot: Matrix, w_star: Matrix, law: SamplingLaw, effort: int = 1) -> bool:
+def width_contracts(system: System, w_star: Matrix, law: SamplingLaw) -> bool:
     """Whether w* > 0 and |E_w(s)| w* <= (1 - rate s) w*, rate > 0, is proved for every period s of the law."""
-    if w_star.shape != (Q0.shape[0], 1) or not all(arb(w_star[i, 0]) > 0 for i in range(w_star.shape[0])):
-        return False
-    low, high = law_ends(law)
-    falls = lambda s: all(value > 0 for value in contraction(width_growth(Q0, Mtot, s), w_star, s))  # noqa: E731
-    return holds_on(falls, low, high, _PIECES * 2**effort)
+    return w_star.shape == (system.n, 1) and contracts(lambda s: width_growth(system.z.Q0, system.Mtot, s), w_star, law)
 
 
-def refute_width(z: Coordinates[Matrix], Mtot: Matrix, law: SamplingLaw) -> Witness | None:
+def refute_width(system: System, law: SamplingLaw) -> Witness | None:
     """A constant period of the law at which widths grow for ever: rho(E_w(T)) > 1, proved. The widths |S| a that boxes
     of x(0) start have to span all directions, so that one of them grows."""
-    from cdobs_cli.certify.ball import spectral_radius_lower
-
-    if arb(absolute(z.S).balls().data.det()).contains(0):
+    if arb(absolute(system.z.S).balls().data.det()).contains(0):
         return None
-    for T in (law.T_max, law.T_min):
-        if T.sign() != 1:
-            continue
-        s = T.ball()
-        multiplier = spectral_radius_lower(Matrix.identity(Mtot.shape[0]) + width_growth(z.Q0, Mtot, s) * s)
-        if multiplier > 1:
-            return Witness("constant", "plant", (str(T),), ((),), lower_text(multiplier), data={"arcs": [1]})
-    return None
+    return growing_period(law, lambda s: Matrix.identity(system.n) + width_growth(system.z.Q0, system.Mtot, s)[0] * s)

@@ -12,10 +12,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
+import numpy as np
 from flint import arb
 
 from cdobs_cli.exact.matrix import Matrix, block, symmetric
-from cdobs_cli.families.interval.parts import absolute, metzler_split, negative_part, off_diagonal_part, positive_part
+from cdobs_cli.families.interval.parts import (
+    absolute,
+    diagonal_part,
+    identity_like,
+    metzler_split,
+    negative_part,
+    off_diagonal_part,
+    positive_part,
+)
 
 M = TypeVar("M")
 STRUCTURE_TOLERANCE = 1e-6  # what rounding a gain to short decimals may leave in a block that should be zero
@@ -59,17 +68,20 @@ def error_held(Q1: M) -> M:
     return error_flow(Q1)
 
 
+def width_flow(Q: M) -> M:
+    """diag(Q) + |offdiag(Q)| = P + N: how the width z_upper - z_lower flows."""
+    diagonal: Any = diagonal_part(Q)
+    return diagonal + absolute(off_diagonal_part(Q))  # type: ignore[no-any-return]
+
+
 def width_matrix(Q0: M, Q1: M) -> M:
     """Mtot = diag(Q0) + |offdiag(Q0)| + diag(Q1) + |offdiag(Q1)|: the width z_upper - z_lower at rest obeys
     0 = Mtot w + (width of delta).
 
     Source: Efimov2016, (12)
     """
-    total: Any = Q0
-    held: Any = Q1
-    P0: Any = total - off_diagonal_part(total) + absolute(off_diagonal_part(total))
-    P1: Any = held - off_diagonal_part(held) + absolute(off_diagonal_part(held))
-    return P0 + P1  # type: ignore[no-any-return]
+    flow: Any = width_flow(Q0)
+    return flow + width_flow(Q1)  # type: ignore[no-any-return]
 
 
 def theorem_1_order(Q1: Matrix) -> int:
@@ -138,16 +150,9 @@ def paper_flow(Q0: M, Q1: M) -> tuple[M, M]:
     """
     order = theorem_1_order(Q1 if isinstance(Q1, Matrix) else Matrix.from_floats(Q1))  # type: ignore[arg-type]
     n = Q0.shape[0]  # type: ignore[attr-defined]
-    P, N = metzler_split(Q0)
-    moduli: Any = absolute(Q0)
-    split: Any = P
-    split = split + N
+    moduli, split = absolute(Q0), width_flow(Q0)  # type: Any, Any
     rows = [[moduli[i, j] if i < order else split[i, j] for j in range(n)] for i in range(n)]
-    if isinstance(Q0, Matrix):
-        return Q0, Matrix.from_rows(rows)  # type: ignore[return-value]
-    import numpy as np
-
-    return Q0, np.array(rows)  # type: ignore[return-value]
+    return Q0, Matrix.from_rows(rows) if isinstance(Q0, Matrix) else np.array(rows)  # type: ignore[return-value]
 
 
 def lmi_15(Phi_0: M, Phi_1: M, P: M, W: M, tau: Any) -> M:
@@ -207,6 +212,23 @@ def feedback_held(Q1: M, SB: M, K_lower: M, K_upper: M) -> M:
     return q + block([[sb @ low, sb @ up], [sb @ low, sb @ up]])  # type: ignore[no-any-return]
 
 
+@dataclass(frozen=True)
+class ObserverLoop:
+    """zeta' = Phi_0 zeta + Phi_2 zeta(t_k) + Lambda y(t_k), zeta = (z_lower, z_upper). Source: Efimov2016, (17)"""
+
+    Phi_0: Any
+    Phi_2: Any
+    Lambda: Any
+
+
+def observer_loop(z: Coordinates[Any], SB: Any, K_lower: Any, K_upper: Any) -> ObserverLoop:
+    """The loop of the observer with feedback, in the arithmetic of its arguments.
+
+    Source: Efimov2016, (17)
+    """
+    return ObserverLoop(feedback_flow(z.Q0), feedback_held(z.Q1, SB, K_lower, K_upper), block([[z.SL], [z.SL]]))
+
+
 def theorem_2_functional(v: Theorem2Unknowns[M], Tbar: Any) -> M:
     """The first matrix inequality of Theorem 2 (> 0): the functional is positive.
 
@@ -218,47 +240,41 @@ def theorem_2_functional(v: Theorem2Unknowns[M], Tbar: Any) -> M:
     return block([[P * (1 / Tbar) + half, cross], [cross.T, half - symmetric(X_1)]])  # type: ignore[no-any-return]
 
 
-def theorem_2_derivative(Phi_0: M, Phi_2: M, Lambda: M, v: Theorem2Unknowns[M], gamma_squared: Any, Tbar: Any, corner: int) -> M:
+def theorem_2_derivative(loop: ObserverLoop, v: Theorem2Unknowns[M], gamma_squared: Any, Tbar: Any, corner: int) -> M:
     """The second inequality (< 0) at corner 0 (just after a sample) or 1 (just before the next), in the
     coordinates zeta, zeta', zeta(t_k) (and the mean of zeta' at corner 1), y:
 
         Vdot + |zeta(t_k)|^2 - gamma^2 |y|^2 < 0.
 
-    Args:
-        Lambda: [S L; S L], shape (2n, p).
     Source: Efimov2016, Theorem 2, Psi_0, Psi_1
     Deviates: the border of Psi_i is damaged in print; this is the Schur form it must have.
     """
-    F0, F2, Lam = Phi_0, Phi_2, Lambda  # type: Any, Any, Any
-    P, U, X, X_1, P_2, P_3, R, Y_1, Y_2 = v.P, v.U, v.X, v.X_1, v.P_2, v.P_3, v.R, v.Y_1, v.Y_2  # type: Any, Any, Any, Any, Any, Any, Any, Any, Any
+    F0, F2, Lambda = loop.Phi_0, loop.Phi_2, loop.Lambda
+    P, P_2, P_3, R, Y_1, Y_2 = v.P, v.P_2, v.P_3, v.R, v.Y_1, v.Y_2  # type: Any, Any, Any, Any, Any, Any
+    Omega = {
+        (1, 1): symmetric(P_2.T @ F0 - Y_1), (1, 2): P - P_2.T + F0.T @ P_3 - Y_2, (1, 3): Y_1.T + P_2.T @ F2 - R,
+        (2, 2): -symmetric(P_3), (2, 3): Y_2.T + P_3.T @ F2, (3, 3): symmetric(R) + identity_like(P, P.shape[0]),
+    }  # fmt: skip
+    rows = held_derivative(Omega, v, Tbar, corner)
+    y = [P_2.T @ Lambda, P_3.T @ Lambda, *[P_2.T @ Lambda * 0] * (len(rows) - 2)]
+    last = [*(one.T for one in y), identity_like(P, Lambda.shape[1]) * -gamma_squared]
+    return block([*([*row, one] for row, one in zip(rows, y, strict=True)), last])  # type: ignore[no-any-return]
+
+
+def held_derivative(Omega: dict[tuple[int, int], Any], v: Theorem2Unknowns[M], Tbar: Any, corner: int) -> list[list[Any]]:
+    """The blocks of Vdot in (zeta, zeta', zeta(t_k)) at corner 0 or 1; there with the mean of zeta' since the sample.
+
+    Source: Efimov2016, Theorem 2, Psi_0, Psi_1
+    """
+    U, X, X_1, R, Y_1, Y_2 = v.U, v.X, v.X_1, v.R, v.Y_1, v.Y_2  # type: Any, Any, Any, Any, Any, Any
     mean = symmetric(X) * _half(Tbar)
-    Omega_11 = symmetric(P_2.T @ F0 - Y_1)
-    Omega_12 = P - P_2.T + F0.T @ P_3 - Y_2
-    Omega_13 = Y_1.T + P_2.T @ F2 - R
-    Omega_22 = -symmetric(P_3)
-    Omega_23 = Y_2.T + P_3.T @ F2
-    Omega_33 = symmetric(R)
-    Pi = mean - symmetric(X_1)
-    A11, A12, A13 = Omega_11 - mean, Omega_12, Omega_13 + X - X_1
-    A22, A23, A33 = Omega_22, Omega_23, Omega_33 - Pi + _identity_like(P, P.shape[0])
-    disturbed = _identity_like(P, Lam.shape[1]) * -gamma_squared
-    y1, y2 = P_2.T @ Lam, P_3.T @ Lam
-    none = y1 * 0
+    A11, A12, A13 = Omega[1, 1] - mean, Omega[1, 2], Omega[1, 3] + X - X_1
+    A22, A23, A33 = Omega[2, 2], Omega[2, 3], Omega[3, 3] - mean + symmetric(X_1)
     if corner == 0:
         A12, A22, A23 = A12 + mean * Tbar, A22 + U * Tbar, A23 - (X - X_1) * Tbar
-        return block(  # type: ignore[no-any-return]
-            [[A11, A12, A13, y1], [A12.T, A22, A23, y2], [A13.T, A23.T, A33, none], [y1.T, y2.T, none.T, disturbed]]
-        )
-    m1, m2, m3, m4 = Y_1.T * Tbar, Y_2.T * Tbar, R.T * Tbar, -(U * Tbar)
-    return block(  # type: ignore[no-any-return]
-        [
-            [A11, A12, A13, m1, y1],
-            [A12.T, A22, A23, m2, y2],
-            [A13.T, A23.T, A33, m3, none],
-            [m1.T, m2.T, m3.T, m4, none],
-            [y1.T, y2.T, none.T, none.T, disturbed],
-        ]
-    )
+        return [[A11, A12, A13], [A12.T, A22, A23], [A13.T, A23.T, A33]]
+    m1, m2, m3 = Y_1.T * Tbar, Y_2.T * Tbar, R.T * Tbar
+    return [[A11, A12, A13, m1], [A12.T, A22, A23, m2], [A13.T, A23.T, A33, m3], [m1.T, m2.T, m3.T, -(U * Tbar)]]
 
 
 def theorem_2_gain_limit(C_norm: Any, R: M, norm: Any) -> Any:
@@ -273,14 +289,6 @@ def theorem_2_gain_limit(C_norm: Any, R: M, norm: Any) -> Any:
 
 def _half(like: Any) -> Any:
     return arb(1) / 2 if isinstance(like, arb) else 0.5
-
-
-def _identity_like(example: Any, size: int) -> Any:
-    if isinstance(example, Matrix):
-        return Matrix.identity(size)
-    import numpy as np
-
-    return np.eye(size)
 
 
 def _slack(Q1: Matrix) -> arb:
