@@ -13,10 +13,9 @@ from cdobs_cli.certify.methods.base import Method, Proof, Question, read
 from cdobs_cli.design import Design
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.families.interval.cone import Cone
-from cdobs_cli.families.interval.hurwitz import Hurwitz
+from cdobs_cli.families.interval.hurwitz import Hurwitz, width_contracts
 from cdobs_cli.families.interval.method import SOURCE
 from cdobs_cli.families.interval.observer import inclusion
-from cdobs_cli.families.interval.sampled_width import width_contracts
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
@@ -117,10 +116,6 @@ class Analysis:
         """Whether given S and L are not those of the observer (12): then nothing is claimed in its name. (The
         proofs themselves couple whatever signs Q1 has, and serve found gains as they are.)"""
         return bool(self.system.structure) and self.design.outcome == "given"
-
-    @property
-    def has_feedback(self) -> bool:
-        return "K_lower" in self.design.gain
 
     def status(self, identifier: str) -> Status | None:
         """The status of a claim made already."""

@@ -42,7 +42,7 @@ def certify(family: Interval, plant: Plant, design: Design, effort: int) -> Chec
     except (ZeroDivisionError, KeyError):
         return Check((_convergence(design, "undecided", "S has no inverse, so the bounds of x do not exist."),))
     parts = {"contraction": _hull(a)} if a.is_hull else _enclosure(a)
-    if a.has_feedback:
+    if "K_lower" in design.gain:
         parts["separation"] = separation(a)
         theorem_2(a)
     _period_max(a, parts)
@@ -74,7 +74,7 @@ def _consequence(a: Analysis, parts: dict[str, Status]) -> Claim:
     inside = "x stays between its bounds" if a.is_hull else "z = S x, and with it x, stays between its bounds"
     what = f"{inside} from every box at the start, and the bounds stay bounded, for every sampling with {a.law.symbols}"
     what += _driven(a.plant)
-    what += ", with the feedback in the loop" if a.has_feedback else " and every bounded x (Assumption 1)"
+    what += ", with the feedback in the loop" if "separation" in parts else " and every bounded x (Assumption 1)"
     failed = [claim for claim in a.claims if parts.get(claim.id) == "refuted" and not _is_cut(a, claim.witness)]
     if failed:
         return _convergence(a.design, "refuted", f"{what}; {a.reasons[failed[0].id]}", failed[0].id, failed[0].witness)

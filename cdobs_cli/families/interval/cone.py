@@ -24,14 +24,13 @@ from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text
 from cdobs_cli.families.interval.errors import ErrorSystem
 from cdobs_cli.families.interval.held import flow, holds_between, holds_under, is_above_0, is_at_least_0, law_ends
-from cdobs_cli.families.interval.method import Part
+from cdobs_cli.families.interval.method import Part, between
 from cdobs_cli.families.interval.rays import extreme_rays
 from cdobs_cli.families.interval.system import System
 
 _MOST_STATES = 6
 _WIDTH, _LONGER = Fraction(1, 50000), 4  # how closely, and how many times beyond the start, the longest is looked for
 _ABOVE = Fraction(1, 10**6)  # how far above the limit of E(s) >= 0 a cone is first looked for
-_LESS = (Fraction(1, 10**5), Fraction(1, 10**4), Fraction(1, 10**3), Fraction(1, 100), Fraction(1, 10))
 
 
 @dataclass(frozen=True)
@@ -68,24 +67,9 @@ class Cone(Part):
 
     @classmethod
     def longest(cls, question: Question) -> Self | None:
-        """Looked for from the law's own period on: the longest that floats find, and somewhat less until it is proved."""
-        from cdobs_cli.families.interval.cone_search import likely_cones
-
-        errors, start = System.of(question).errors, question.law.T_max
-
-        def likely(T: Exact) -> ExactMatrix | None:
-            return next(likely_cones(errors, question.law.with_period(T)), None)
-
-        reach = search.between(likely, start, search.short(float(start) * _LONGER, 12), _WIDTH)
-        if reach is None:
-            return None
-        T = reach[0].rational or Fraction(float(reach[0]))
-        shorter = [Exact(decimal_text(T * (1 - less), 9)) for less in _LESS]
-        for period in (reach[0], *(start if float(one) < float(start) else one for one in shorter)):
-            cone = cls.propose(question.at(period))
-            if cone is not None:
-                return cone
-        return None
+        """Looked for from the law's own period on."""
+        start = question.law.T_max
+        return between(lambda T: cls.propose(question.at(T)), start, search.short(float(start) * _LONGER, 12), _WIDTH)
 
     @classmethod
     def above(cls, question: Question) -> Exact | None:

@@ -45,13 +45,11 @@ class Crossing:
     component: int
 
     def is_of(self, law: SamplingLaw) -> bool:
-        """Whether the law certainly allows these periods, and a last one as long as `after`."""
+        """Whether x(0) is in its box, and the law certainly allows these periods and a last one as long as `after`."""
+        inside = all(low <= x <= high for low, x, high in zip(self.lower, self.state, self.upper, strict=True))
         periods = all(law.T_min.is_at_most(T) and T.is_at_most(law.T_max) for T in self.periods)
-        return periods and all(T.sign() == 1 for T in (*self.periods, self.after)) and self.after.is_at_most(law.T_max)
-
-    def is_inside(self) -> bool:
-        """Whether x(0) is in its box."""
-        return all(low <= x <= high for low, x, high in zip(self.lower, self.state, self.upper, strict=True))
+        positive = all(T.sign() == 1 for T in (*self.periods, self.after))
+        return inside and periods and positive and self.after.is_at_most(law.T_max)
 
     def witness(self, plant: Plant, distance: arb) -> Witness:
         """As stored: decimal or rational strings, one row of `disturbance` and `noise` a sample."""
@@ -106,7 +104,5 @@ def _cut(e: Matrix, rows: Mapping[int, Matrix], below_v: Matrix) -> Matrix:
 
 def refutes(system: System, crossing: Crossing, law: SamplingLaw) -> Witness | None:
     """The witness, where the crossing is proved and of the law."""
-    if not crossing.is_of(law) or not crossing.is_inside():
-        return None
-    reached = distance(system, crossing)
+    reached = distance(system, crossing) if crossing.is_of(law) else arb(0)
     return crossing.witness(system.plant, reached) if reached < 0 else None

@@ -6,7 +6,7 @@ where they alone make the errors. From each, the words that come closest are fol
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import product
 
@@ -48,8 +48,8 @@ class Maps:
     (phases, 2n, 2n); start: columns of the errors that unit boxes start.
     """
 
-    T: Array
-    s: Array
+    T: tuple[Exact, ...]
+    s: tuple[Exact, ...]
     E: Array
     Gamma: Array
     E_x: Array
@@ -65,7 +65,8 @@ class Maps:
         at_T, at_s, to_x = system.errors.maps(T), system.errors.maps(s), both_sides(system.z.R.floats)
         if at_T is None or at_s is None:
             return None
-        return Maps(T, s, *at_T, to_x @ at_s[0], to_x @ at_s[1], system.errors.start.floats)
+        periods, phases = (tuple(_time(float(time), law) for time in times) for times in (T, s))
+        return Maps(periods, phases, *at_T, to_x @ at_s[0], to_x @ at_s[1], system.errors.start.floats)
 
 
 def find_crossing(system: System, law: SamplingLaw) -> Witness | None:
@@ -85,11 +86,11 @@ def crossing_from_box(system: System, law: SamplingLaw) -> Witness | None:
     left = np.array([0.0 if i % n in system.cut_rows else np.inf for i in range(size)])
     alone = Corner(((False,) * n, (False,) * system.plant.p), np.zeros(size), left)
     for start in range(size):
-        path = _follow(maps, maps.start[:, start], [alone])
-        if path is None:
-            continue
-        for width in _BOXES:
-            witness = refutes(system, _crossing(system, law, path, maps, start, width), law)
+        crossing = _follow(maps, maps.start[:, start], [alone])
+        for width in _BOXES if crossing is not None else ():
+            assert crossing is not None
+            box = [Fraction(width * (k == start)) for k in range(size)]
+            witness = refutes(system, replace(crossing, lower=tuple(-value for value in box[:n]), upper=tuple(box[n:])), law)
             if witness is not None:
                 return witness
     return None
@@ -100,8 +101,8 @@ def crossing_from_signals(system: System, law: SamplingLaw) -> Witness | None:
     maps, corners = Maps.of(system, law), _corners(system)
     if maps is None or not any(corner.b.any() for corner in corners):
         return None
-    path = _follow(maps, np.zeros(len(maps.start)), corners)
-    return None if path is None else refutes(system, _crossing(system, law, path, maps, 0, 0), law)
+    crossing = _follow(maps, np.zeros(len(maps.start)), corners)
+    return None if crossing is None else refutes(system, crossing, law)
 
 
 def _corners(system: System) -> list[Corner]:
@@ -125,20 +126,10 @@ def _corners(system: System) -> list[Corner]:
     return corners
 
 
-@dataclass(frozen=True)
-class Path:
-    """Periods by index in `Maps.T`, a corner for each sample, the phase by index in `Maps.s`, the component."""
-
-    periods: tuple[int, ...]
-    corners: tuple[Corner, ...]
-    phase: int
-    component: int
-
-
-def _follow(maps: Maps, start: Array, corners: list[Corner]) -> Path | None:
-    """The first word found, shortest first, that makes a distance of x from its bounds negative."""
-    states = start[:, None]
-    words: list[tuple[tuple[int, ...], tuple[Corner, ...]]] = [((), ())]
+def _follow(maps: Maps, start: Array, corners: list[Corner]) -> Crossing | None:
+    """The first word found, shortest first, that makes a distance of x from its bounds negative; its box is x(0) = 0."""
+    states, known = start[:, None], (Fraction(0),) * (len(start) // 2)
+    words: list[tuple[tuple[Exact, ...], tuple[Corner, ...]]] = [((), ())]
     for _ in range(_SAMPLES):
         after, longer, scores = [], [], []
         for corner in corners:
@@ -150,10 +141,11 @@ def _follow(maps: Maps, start: Array, corners: list[Corner]) -> Path | None:
             best = int(np.argmin(least))
             if least[best] < -_ROUNDING:
                 phase, component = np.unravel_index(int(np.argmin(relative[:, :, best])), relative.shape[:2])
-                return Path(words[best][0], (*words[best][1], corner), int(phase), int(component))
-            for k in range(len(maps.T)):
+                low_d, low_v = zip(*(one.low for one in (*words[best][1], corner)), strict=True)
+                return Crossing(known, known, known, words[best][0], maps.s[phase], low_d, low_v, int(component))
+            for k, T in enumerate(maps.T):
                 after.append(maps.E[k] @ cut + (maps.Gamma[k] @ corner.b)[:, None])
-                longer += [((*periods, k), (*held, corner)) for periods, held in words]
+                longer += [((*periods, T), (*held, corner)) for periods, held in words]
                 scores.append(least)
         everything, score = np.concatenate(after, axis=1), np.concatenate(scores)
         kept = np.argsort(score, kind="stable")[: _KEPT * len(maps.T)]
@@ -162,20 +154,6 @@ def _follow(maps: Maps, start: Array, corners: list[Corner]) -> Path | None:
         chosen = kept[np.sort(np.unique(np.round(scaled, 7), axis=1, return_index=True)[1])]
         states, words = everything[:, chosen], [longer[k] for k in chosen]
     return None
-
-
-def _crossing(system: System, law: SamplingLaw, path: Path, maps: Maps, start: int, width: int) -> Crossing:
-    """The path in exact numbers, from a box of this width below (start < n) or above x(0) = 0 in one state."""
-    n = system.n
-    lower, upper = [Fraction(0)] * n, [Fraction(0)] * n
-    if start < n:
-        lower[start] = -Fraction(width)
-    else:
-        upper[start - n] = Fraction(width)
-    low_d, low_v = zip(*(corner.low for corner in path.corners), strict=True)
-    periods = tuple(_time(float(maps.T[k]), law) for k in path.periods)
-    after = _time(float(maps.s[path.phase]), law)
-    return Crossing(tuple(lower), tuple(upper), (Fraction(0),) * n, periods, after, low_d, low_v, path.component)
 
 
 def _time(T: float, law: SamplingLaw) -> Exact:

@@ -9,9 +9,8 @@ from cdobs_cli.exact.numbers import Exact, lower_text, upper_text
 from cdobs_cli.families.interval.analysis import Analysis
 from cdobs_cli.families.interval.cone import Cone
 from cdobs_cli.families.interval.crossing_search import crossing_from_box, crossing_from_signals, find_crossing
-from cdobs_cli.families.interval.hurwitz import Hurwitz, refute_hurwitz
+from cdobs_cli.families.interval.hurwitz import Hurwitz, refute_hurwitz, refute_width
 from cdobs_cli.families.interval.method import SOURCE
-from cdobs_cli.families.interval.sampled_width import refute_width
 
 _SOURCE = f"{SOURCE}, (11), (12)"
 _STEPS = tuple(2e-7 * 4**k for k in range(14))  # relative steps above what is proved of the scan for a first crossing

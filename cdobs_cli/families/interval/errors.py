@@ -17,8 +17,9 @@ from flint import arb
 
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.families.interval.held import flows, growth
-from cdobs_cli.families.interval.parts import Array, both_sides
-from cdobs_cli.families.interval.theorems import Coordinates, error_flow, error_held
+from cdobs_cli.families.interval.parts import Array, both_sides, identity_like, zeros_like
+from cdobs_cli.families.interval.theorems import Coordinates, coordinates, error_flow, error_held
+from cdobs_cli.hybrid import ErrorMaps, PlantView
 
 _LARGEST_EXPONENT = 200.0  # of |M| s in floats
 
@@ -37,7 +38,7 @@ class ErrorSystem:
     cut: tuple[int, ...] = ()
 
     @staticmethod
-    def of(z: Coordinates[Matrix], disturbance: Matrix, noise: Matrix, measured: Iterable[int] = ()) -> ErrorSystem:
+    def of(z: Coordinates, disturbance: Matrix, noise: Matrix, measured: Iterable[int] = ()) -> ErrorSystem:
         """Widths of disturbance and noise have shapes (n, 1) and (p, 1); measured: rows of z cut at samples."""
         n = z.S.shape[0]
         start = both_sides(z.S)
@@ -84,3 +85,17 @@ class ErrorSystem:
 def _pairs(columns: Matrix, widths: Matrix) -> list[tuple[arb, Matrix]]:
     count = widths.shape[0]
     return [(arb(widths[k, 0]), columns[:, [k, count + k]]) for k in range(count) if not arb(widths[k, 0]).is_zero()]
+
+
+def error_maps(view: PlantView[Any]) -> ErrorMaps[Any]:
+    """The errors of the bounds with what is held of them: (e, e(t_k))' = [M N1; 0 0], and e(t_k)+ = e.
+
+    Source: Efimov2016, (11), (12)
+    """
+    S: Any = view.gain["S"]
+    R = S.inverse() if isinstance(S, Matrix) else np.linalg.inv(S)
+    z = coordinates(view.A, view.C, S, R, view.gain["L"])
+    M, N1 = error_flow(z.Q0), error_held(z.Q1)
+    zero, identity = zeros_like(M, *M.shape), identity_like(M, M.shape[0])
+    jump: Any = block([[identity, zero], [identity, zero]])
+    return ErrorMaps(base=block([[M, N1], [zero, zero]]), left=(), right=(), lower=(), upper=(), jump=jump)

@@ -6,14 +6,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from flint import arb
 
 from cdobs_cli.certificate import Check
 from cdobs_cli.chart import Chart, Exhibits, Panel, Series, Table
 from cdobs_cli.design import Design
 from cdobs_cli.exact.numbers import upper_text
 from cdobs_cli.families.interval.analysis import Analysis
-from cdobs_cli.families.interval.sylvester import residuals
+from cdobs_cli.families.interval.design import residuals
+from cdobs_cli.families.interval.parts import entries
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.families.interval.widths import comparison
 from cdobs_cli.plant import Plant
@@ -81,10 +81,7 @@ def trade_off_chart(design: Design, check: Check | None) -> Chart | None:
     if len(points) < 2:
         return None
     periods, widths = zip(*points, strict=True)
-    series = [
-        Series("least width found", periods, widths, "line", "other"),
-        Series("designs", periods, widths, "points", "other"),
-    ]
+    series = [Series("least width found", periods, widths, "line", "other"), Series("designs", periods, widths, "points", "other")]
     own = check.bounds.get("final_width") if check is not None else None
     if own is not None and own.proved is not None:
         series.append(Series("this design", (float(design.sampling.T_max),), (float(own.proved),), "points", "estimate"))
@@ -99,14 +96,9 @@ def comparison_table(family: Interval, plant: Plant, design: Design, check: Chec
     found = comparison(Analysis(family, plant, design, 0, list(check.claims))) if check is not None else {}
     if not found:
         return None
-    labels = {
-        "none": "bounds of the observer", "intersect": "intersected with y at samples", "hull": "hull predictor",
-    }  # fmt: skip
-    rows = []
-    for name, label in labels.items():
-        if name in found:
-            values = [float(upper_text(arb(row[0]))) for row in found[name].tolist()]
-            rows.append((label, *values, sum(values)))
+    labels = {"none": "bounds of the observer", "intersect": "intersected with y at samples", "hull": "hull predictor"}
+    widths = {labels[name]: [float(upper_text(value)) for value in entries(width)] for name, width in found.items()}
+    rows = [(label, *values, sum(values)) for label, values in widths.items()]
     caption = "Largest width that each can settle at, proved, for the same S and L under the declared disturbance and noise."
     return Table("widths", "Ways to tighten the bounds", caption, ("bounds", *plant.states, "sum"), tuple(rows))
 

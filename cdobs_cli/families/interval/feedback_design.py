@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -14,9 +15,10 @@ from cdobs_cli.exact.matrix import symmetric
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.families.interval.held import held_maps
 from cdobs_cli.families.interval.held_loop import HeldLoop
+from cdobs_cli.families.interval.method import largest_margin
 from cdobs_cli.families.interval.parts import Array
 from cdobs_cli.families.interval.system import System
-from cdobs_cli.families.interval.theorems import Theorem2Unknowns, held_derivative, theorem_2_functional
+from cdobs_cli.families.interval.theorems import held_derivative, theorem_2_functional
 
 _EPSILONS = (0.1, 0.3, 1.0, 3.0)
 _DIGITS = 5
@@ -63,27 +65,23 @@ def descriptor_design(A: Array, B: Array, Tbar: float, epsilon: float) -> Array 
     square = {name: full(n, n) for name in ("Q", "X", "X_1", "Y_1", "Y_2", "R")}
     program = Program({"P": symmetric_unknown(n), "U": symmetric_unknown(n), **square, "Y": full(m, n), "t": full(1, 1)})
 
-    def unknowns(x: Mapping[str, Array]) -> Theorem2Unknowns[Array]:
-        return Theorem2Unknowns(**{name: x[name] for name in ("P", "U", "X", "X_1", "R", "Y_1", "Y_2")}, P_2=x["Q"], P_3=epsilon * x["Q"])
-
     def derivative(x: Mapping[str, Array], corner: int) -> Array:
         Q, Y_1, Y_2, R, BY = x["Q"], x["Y_1"], x["Y_2"], x["R"], B @ x["Y"]
         Omega = {
             (1, 1): symmetric(A @ Q - Y_1), (1, 2): x["P"] - Q + epsilon * Q.T @ A.T - Y_2, (1, 3): Y_1.T + BY - R,
             (2, 2): -epsilon * symmetric(Q), (2, 3): Y_2.T + epsilon * BY, (3, 3): symmetric(R),
         }  # fmt: skip
-        M = np.block(held_derivative(Omega, unknowns(x), Tbar, corner))
+        M = np.block(held_derivative(Omega, SimpleNamespace(**x), Tbar, corner))
         return -M - np.eye(len(M)) * x["t"]
 
-    program.require(lambda x: theorem_2_functional(unknowns(x), Tbar) - np.eye(2 * n) * x["t"])
+    program.require(lambda x: theorem_2_functional(SimpleNamespace(**x), Tbar) - np.eye(2 * n) * x["t"])
     program.require(lambda x: derivative(x, 0))
     program.require(lambda x: derivative(x, 1))
     program.require(lambda x: x["P"] - np.eye(n) * x["t"])
     program.require(lambda x: np.eye(n) * n - symmetric(x["Q"]) / 2)
     program.equate(lambda x: np.trace(x["P"]) - n)
-    program.maximise(lambda x: x["t"])
-    values = program.solve().values
-    if not values["t"][0, 0] > 0:
+    values = largest_margin(program)
+    if values is None:
         return None
     try:
         K: Array = values["Y"] @ np.linalg.inv(values["Q"])

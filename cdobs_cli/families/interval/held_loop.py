@@ -29,10 +29,10 @@ from cdobs_cli.certify.methods.base import Proof, Question
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix, block, symmetric
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.families.interval.errors import error_maps
 from cdobs_cli.families.interval.held import flows, growth, growth_and_slope, holds_under
-from cdobs_cli.families.interval.lmi_15 import symmetrised
-from cdobs_cli.families.interval.method import DIGITS, Part
-from cdobs_cli.families.interval.parts import Array, identity_like, zeros_like
+from cdobs_cli.families.interval.method import DIGITS, Part, between, largest_margin
+from cdobs_cli.families.interval.parts import Array, identity_like, symmetrised, zeros_like
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, PlantView
 from cdobs_cli.sampling import SamplingLaw
@@ -59,8 +59,7 @@ class HeldLoop(Part):
     def propose(cls, question: Question) -> Self | None:
         A, closed = (M.floats for M in System.of(question).held_loop)
         P = _decreasing(A, closed, question.law)
-        loop = None if P is None else cls(question.law, P)
-        return loop if loop is not None and loop.prove(question).holds else None
+        return None if P is None else cls(question.law, P).proved(question)
 
     @classmethod
     def longest(cls, question: Question) -> Self | None:
@@ -68,13 +67,8 @@ class HeldLoop(Part):
         own = cls.propose(question)
         refuted = smallest_refuted(lambda T: held_inclusion(question.at(T)), None if own is None else own.law.T_max, question.effort)
         high = search.short(20 * float(question.law.T_max), 6) if refuted is None else refuted[0]
-        return cls.between(question, search.short(float(high) / 100, 6) if own is None else own.law.T_max, high, _WIDTH)
-
-    @classmethod
-    def between(cls, question: Question, low: Exact, high: Exact, width: Fraction) -> Self | None:
-        """The certificate of the longest period found in [low, high]."""
-        proof = search.between(lambda T: cls.propose(question.at(T)), low, high, width)
-        return None if proof is None else proof[1]
+        low = search.short(float(high) / 100, 6) if own is None else own.law.T_max
+        return between(lambda T: cls.propose(question.at(T)), low, high, _WIDTH)
 
     def _prove(self, question: Question) -> Proof:
         """P > 0 and P - F(s)' P F(s) > 0 for every s of the law (in the limit of its rate at s = 0).
@@ -122,9 +116,8 @@ def _decreasing(A: Array, closed: Array, law: SamplingLaw) -> ExactMatrix | None
         program.require(lambda x, s=s, Phi=Phi, scale=scale: decrease(x["P"], Phi, s) * scale - identity * x["t"])  # type: ignore[misc]
     program.require(lambda x: x["P"] - identity * x["t"])
     program.equate(lambda x: np.trace(x["P"]) - n)
-    program.maximise(lambda x: x["t"])
-    values = program.solve().values
-    return ExactMatrix.from_floats(values["P"], DIGITS) if values["t"][0, 0] > 0 else None
+    values = largest_margin(program)
+    return None if values is None else ExactMatrix.from_floats(values["P"], DIGITS)
 
 
 def held_maps(view: PlantView[Any]) -> ErrorMaps[Any]:
@@ -139,7 +132,7 @@ def held_maps(view: PlantView[Any]) -> ErrorMaps[Any]:
     return ErrorMaps(base=block([[A, B], below]), left=(), right=(), lower=(), upper=(), jump=jump)
 
 
-def closed_maps(view: PlantView[Any], errors: ErrorMaps[Any]) -> ErrorMaps[Any]:
+def closed_maps(view: PlantView[Any]) -> ErrorMaps[Any]:
     """Plant, feedback and errors of the bounds as one system of (x, u, e, e(t_k)): the held loop driven by
 
         u+ = (K_lower + K_upper) S x - K_lower (z - z_lower) + K_upper (z_upper - z)
@@ -148,16 +141,13 @@ def closed_maps(view: PlantView[Any], errors: ErrorMaps[Any]) -> ErrorMaps[Any]:
 
     Source: Efimov2016, (16), (17)
     """
-    held = held_maps(view)
-    size, errors_size = held.base.shape[0], errors.base.shape[0]
-    n, m = view.A.shape[0], size - view.A.shape[0]
-    above, below = zeros_like(view.A, size, errors_size), zeros_like(view.A, errors_size, size)
-    fed = block([[view.gain["K_lower"] * -1, view.gain["K_upper"], zeros_like(view.A, m, errors_size - 2 * n)]])
-    drive = block([[zeros_like(view.A, n, errors_size)], [fed]])
-    return ErrorMaps(
-        base=block([[held.base, above], [below, errors.base]]), left=(), right=(), lower=(), upper=(),
-        jump=block([[held.jump, drive], [below, errors.jump]]),
-    )  # fmt: skip
+    held, errors = held_maps(view), error_maps(view)
+    (n, m), size, count = view.gain["B"].shape, held.base.shape[0], errors.base.shape[0]
+    above, below = zeros_like(view.A, size, count), zeros_like(view.A, count, size)
+    fed = block([[view.gain["K_lower"] * -1, view.gain["K_upper"], zeros_like(view.A, m, count - 2 * n)]])
+    drive = block([[zeros_like(view.A, n, count)], [fed]])
+    base, jump = block([[held.base, above], [below, errors.base]]), block([[held.jump, drive], [below, errors.jump]])
+    return ErrorMaps(base=base, left=(), right=(), lower=(), upper=(), jump=jump)
 
 
 def held_inclusion(question: Question) -> HybridInclusion:

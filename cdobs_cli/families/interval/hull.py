@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
 from itertools import pairwise
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from flint import arb
@@ -37,9 +37,10 @@ from cdobs_cli.families.interval.held import (
     interval,
     law_ends,
 )
-from cdobs_cli.families.interval.method import DIGITS, Part
+from cdobs_cli.families.interval.method import DIGITS, Part, largest_margin
 from cdobs_cli.families.interval.parts import Array, absolute, entries, highest, lower_of
-from cdobs_cli.families.interval.system import System, float_inverse
+from cdobs_cli.families.interval.system import System
+from cdobs_cli.families.interval.theorems import width_flow
 from cdobs_cli.sampling import SamplingLaw
 
 _WIDTH = Fraction(1, 1000)
@@ -60,10 +61,8 @@ class Hull(Part):
     @classmethod
     def propose(cls, question: Question) -> Self | None:
         system = System.of(question)
-        A, C, S, L = (np.array(M.floats) for M in (system.plant.A, system.plant.C, system.gain["S"], system.gain["L"]))
-        w = _weights(A, C, S, L, question.law)
-        hull = None if w is None else cls(question.law, w)
-        return hull if hull is not None and hull.prove(question).holds else None
+        w = _weights(system, question.law)
+        return None if w is None else cls(question.law, w).proved(question)
 
     @classmethod
     def longest(cls, question: Question) -> Self | None:
@@ -88,26 +87,16 @@ def hull_growth(system: System, s: arb) -> tuple[Matrix, Matrix]:
     return system.z.S @ Phi @ system.z.R, system.z.S @ slope @ system.z.R
 
 
-def hull_maps(A: Array, C: Array, S: Array, L: Array, periods: Any) -> Array | None:
-    """S F(s) S^-1 for each period, in floats; None where they are not finite."""
-    R, maps = float_inverse(S), held_maps(A, -L @ C, periods)
-    if R is None or maps is None:
-        return None
-    return S @ maps @ R
-
-
-def _weights(A: Array, C: Array, S: Array, L: Array, law: SamplingLaw) -> ExactMatrix | None:
+def _weights(system: System, law: SamplingLaw) -> ExactMatrix | None:
     """w by a linear program over some periods of the law, largest common rate."""
-    n = len(A)
+    z, n, (A, closed) = system.floats, system.n, (M.floats for M in system.predicted)
     low, high = float(law.T_min), float(law.T_max)
-    count = 0 if low == high else _PERIODS
-    periods = [high] if count == 0 else low + (high - low) * (1 - np.cos(np.pi * np.arange(count + 1) / count)) / 2
-    maps, R = hull_maps(A, C, S, L, periods), float_inverse(S)
-    if maps is None or R is None:
+    periods = [high] if low == high else low + (high - low) * (1 - np.cos(np.pi * np.arange(_PERIODS + 1) / _PERIODS)) / 2
+    maps = held_maps(A, closed - A, periods)
+    if maps is None:
         return None
-    inner = S @ (A - L @ C) @ R
-    at_zero = np.diag(np.diag(inner)) + np.abs(inner - np.diag(np.diag(inner)))
-    slopes = [at_zero if s == 0 else (np.abs(F) - np.eye(n)) / s for s, F in zip(periods, maps, strict=True)]
+    at_zero = width_flow(z.S @ closed @ z.R)
+    slopes = [at_zero if s == 0 else (np.abs(z.S @ F @ z.R) - np.eye(n)) / s for s, F in zip(periods, maps, strict=True)]
     return falling_weights([-slope for slope in slopes], n)
 
 
@@ -121,9 +110,8 @@ def falling_weights(falls: list[Array], n: int) -> ExactMatrix | None:
     for i in range(n):
         program.require(lambda x, i=i: x["w"][i, i] - x["t"])  # type: ignore[misc]
     program.equate(lambda x: np.trace(x["w"]) - n)
-    program.maximise(lambda x: x["t"])
-    values = program.solve().values
-    return ExactMatrix.from_floats(np.diag(values["w"]).reshape(-1, 1), DIGITS) if values["t"][0, 0] > 0 else None
+    values = largest_margin(program)
+    return None if values is None else ExactMatrix.from_floats(np.diag(values["w"]).reshape(-1, 1), DIGITS)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,8 @@ from cdobs_cli.certify import search
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.families.interval.design import S_DIGITS, Search, climb
-from cdobs_cli.families.interval.hull import Hull, hull_maps
+from cdobs_cli.families.interval.held import held_maps
+from cdobs_cli.families.interval.hull import Hull
 from cdobs_cli.families.interval.parts import Array
 from cdobs_cli.families.interval.system import singular
 from cdobs_cli.sampling import SamplingLaw
@@ -65,10 +66,10 @@ def _at(question: Question, searched: Search) -> tuple[Gain, SamplingLaw] | None
 
     def value(parameters: Array) -> float:
         pair = parts(parameters)
-        maps = None if pair is None else hull_maps(searched.A, searched.C, *pair, periods)
-        if maps is None:
+        maps = None if pair is None else held_maps(searched.A, -pair[1] @ searched.C, periods)
+        if pair is None or maps is None:
             return -np.inf
-        majorant = np.max((np.abs(maps) - np.eye(n)) / periods[:, None, None], axis=0)
+        majorant = np.max((np.abs(pair[0] @ maps @ np.linalg.inv(pair[0])) - np.eye(n)) / periods[:, None, None], axis=0)
         return -float(np.linalg.eigvals(majorant).real.max())
 
     fresh = sorted(_starts(searched, high, effort), key=value, reverse=True)[: 1 + (4 if n <= 2 else 1) * effort]

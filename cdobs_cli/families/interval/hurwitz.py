@@ -2,6 +2,12 @@
 
 The width w = z_upper - z_lower obeys w' = (P + N) w + |Q1| w(t_k) + c with c the width of delta. While the
 bounds hold, it stays bounded for every box and every bounded c exactly if Mtot is Hurwitz, for every sampling.
+From sample to sample
+
+    w(t_k + s) = E_w(s) w(t_k) + Gamma_w(s) c,    E_w(s) = I + s Phi(s),    Phi(s) = phi_1((P + N) s) Mtot
+
+whether or not the bounds enclose the state. Where E_w contracts under the law, w settles at (-Mtot)^-1 c, the fixed
+point of every E_w(s): for constant bounds exactly there.
 """
 
 from __future__ import annotations
@@ -17,10 +23,12 @@ from cdobs_cli.certificate import Witness
 from cdobs_cli.certify.methods.base import Proof, Question
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import ExactMatrix, lower_text
+from cdobs_cli.families.interval.held import contracts, growing_period, growth_and_slope
 from cdobs_cli.families.interval.method import DIGITS, Part
 from cdobs_cli.families.interval.parts import Array, absolute, solve
 from cdobs_cli.families.interval.system import System
-from cdobs_cli.families.interval.theorems import Coordinates, width_matrix
+from cdobs_cli.families.interval.theorems import Coordinates, width_flow, width_matrix
+from cdobs_cli.sampling import SamplingLaw
 
 
 @dataclass(frozen=True)
@@ -37,13 +45,7 @@ class Hurwitz(Part):
     def propose(cls, question: Question) -> Self | None:
         system = System.of(question)
         w_star = find_w_star(width_matrix(system.floats.Q0, system.floats.Q1))
-        hurwitz = None if w_star is None else cls(question.law, w_star)
-        return hurwitz if hurwitz is not None and hurwitz.prove(question).holds else None
-
-    @classmethod
-    def longest(cls, question: Question) -> Self | None:
-        """None: it is for every sampling."""
-        return None
+        return None if w_star is None else cls(question.law, w_star).proved(question)
 
     def _prove(self, question: Question) -> Proof:
         rate = prove_hurwitz(System.of(question).Mtot, self.w_star.balls())
@@ -98,7 +100,7 @@ def refute_hurwitz(Mtot: Matrix) -> Witness | None:
     return Witness("vector", "plant", values=(texts,), data={"width": list(texts), "rate": lower_text(rate)})
 
 
-def final_width(z: Coordinates[Any], Mtot: Any, disturbance: Any, noise: Any) -> Any:
+def final_width(z: Coordinates, Mtot: Any, disturbance: Any, noise: Any) -> Any:
     """|S^-1| (-Mtot)^-1 (|S| (d_upper - d_lower) + |S L| (v_upper - v_lower)): where the width of x settles for
     constant bounds, whatever the sampling. Shapes (n, 1); needs Mtot Hurwitz.
 
@@ -106,3 +108,21 @@ def final_width(z: Coordinates[Any], Mtot: Any, disturbance: Any, noise: Any) ->
     """
     c = absolute(z.S) @ disturbance + absolute(z.SL) @ noise
     return absolute(z.R) @ solve(-Mtot, c)
+
+
+def width_growth(Q0: Matrix, Mtot: Matrix, s: arb) -> tuple[Matrix, Matrix]:
+    """Phi(s) and Phi'(s) with E_w(s) = I + s Phi(s)."""
+    return growth_and_slope(width_flow(Q0), Mtot, s)
+
+
+def width_contracts(system: System, w_star: Matrix, law: SamplingLaw) -> bool:
+    """Whether w* > 0 and |E_w(s)| w* <= (1 - rate s) w*, rate > 0, is proved for every period s of the law."""
+    return w_star.shape == (system.n, 1) and contracts(lambda s: width_growth(system.z.Q0, system.Mtot, s), w_star, law)
+
+
+def refute_width(system: System, law: SamplingLaw) -> Witness | None:
+    """A constant period of the law at which widths grow for ever: rho(E_w(T)) > 1, proved. The widths |S| a that boxes
+    of x(0) start have to span all directions, so that one of them grows."""
+    if arb(absolute(system.z.S).balls().data.det()).contains(0):
+        return None
+    return growing_period(law, lambda s: Matrix.identity(system.n) + width_growth(system.z.Q0, system.Mtot, s)[0] * s)

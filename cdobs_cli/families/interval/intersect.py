@@ -40,18 +40,13 @@ def _row_of_output(C: Matrix, row: Matrix) -> Matrix | None:
 
 
 def _multiple(row: Matrix, output: Matrix) -> Any | None:
-    """g with row = g output where the output row has one nonzero entry, or both are rational multiples."""
-    n = output.shape[1]
-    support = [j for j in range(n) if not arb(output[0, j]).is_zero()]
-    if not support or any(not arb(row[0, j]).is_zero() for j in range(n) if j not in support):
+    """g with row = g output, exactly: where the output row has one nonzero entry, or both are rational."""
+    support = [j for j in range(output.shape[1]) if not arb(output[0, j]).is_zero()]
+    if not support or any(not arb(row[0, j]).is_zero() for j in range(row.shape[1]) if j not in support):
         return None
-    pivot = support[0]
-    factor = row[0, pivot] / output[0, pivot]
-    if len(support) == 1:
-        return None if arb(factor).contains(0) else factor
-    if not (row.is_rational and output.is_rational) or factor == 0:
-        return None
-    return factor if all(row[0, j] == factor * output[0, j] for j in support) else None
+    factor = row[0, support[0]] / output[0, support[0]]
+    exact = all(row[0, j] == factor * output[0, j] for j in support[1:])
+    return factor if exact and not arb(factor).contains(0) else None
 
 
 def _combination(row: Matrix, C: Matrix) -> Matrix | None:
@@ -67,7 +62,7 @@ def _combination(row: Matrix, C: Matrix) -> Matrix | None:
     return G if all(value == 0 for value in rest.tolist()[0]) else None
 
 
-def intersected_width(z: Coordinates[Matrix], rows: dict[int, Matrix], w: Matrix, c: Matrix, noise: Matrix, high: Fraction) -> Matrix:
+def intersected_width(z: Coordinates, rows: dict[int, Matrix], w: Matrix, c: Matrix, noise: Matrix, high: Fraction) -> Matrix:
     """An upper bound of the final width of z when rows of z are intersected at samples, at all times.
 
     Starts from a valid bound w (the final width without intersection) and improves it in turn: measured rows

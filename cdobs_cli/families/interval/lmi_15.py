@@ -18,8 +18,8 @@ from cdobs_cli.certify.methods.base import Proof, Question
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.families.interval.hurwitz import Hurwitz
-from cdobs_cli.families.interval.method import DIGITS, Part
-from cdobs_cli.families.interval.parts import Array
+from cdobs_cli.families.interval.method import DIGITS, Part, between, largest_margin
+from cdobs_cli.families.interval.parts import Array, symmetrised
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.families.interval.theorems import Coordinates, lmi_15, paper_flow
 from cdobs_cli.sampling import SamplingLaw
@@ -53,8 +53,7 @@ class Lmi15(Part):
             if pair is None:
                 return None
             pairs.append(pair)
-        lmi = cls(SamplingLaw("aperiodic", T_max=Tbar), *zip(*pairs, strict=True))
-        return lmi if lmi.prove(question).holds else None
+        return cls(SamplingLaw("aperiodic", T_max=Tbar), *zip(*pairs, strict=True)).proved(question)
 
     @classmethod
     def longest(cls, question: Question) -> Self | None:
@@ -62,8 +61,7 @@ class Lmi15(Part):
         if limit is None or Hurwitz.propose(question) is None:
             return None
         low, high = (search.short(float(limit) * share, 8) for share in (1e-3, 0.9996))
-        proof = search.between(lambda T: cls.propose(question.at(T)), low, high, _WIDTH)
-        return None if proof is None else proof[1]
+        return between(lambda T: cls.propose(question.at(T)), low, high, _WIDTH)
 
     @classmethod
     def stored(cls, question: Question) -> list[Self]:
@@ -86,11 +84,6 @@ def _solves(Phi_0: Matrix, Q1: Matrix, P: Matrix, W: Matrix, tau: arb) -> bool:
     return all(has_positive_pivots(M) for M in (P, W, -lmi_15(Phi_0, Q1, P, W, tau)))
 
 
-def symmetrised(M: Matrix) -> Matrix:
-    """(M + M')/2: stored matrices are symmetric up to what someone typed."""
-    return (M + M.T) * Fraction(1, 2)
-
-
 def _solution(Phi_0: Array, Q1: Array, tau: float) -> tuple[ExactMatrix, ExactMatrix] | None:
     """P and W of (15) for one half of the bounds, by the solver."""
     n = len(Q1)
@@ -105,14 +98,11 @@ def _solution(Phi_0: Array, Q1: Array, tau: float) -> tuple[ExactMatrix, ExactMa
     program.require(lambda x: x["P"] - identity * x["t"])
     program.require(lambda x: x["W"])
     program.equate(lambda x: np.trace(x["P"]) - 1)
-    program.maximise(lambda x: x["t"])
-    values = program.solve().values
-    if not values["t"][0, 0] > 0:
-        return None
-    return ExactMatrix.from_floats(values["P"], DIGITS), ExactMatrix.from_floats(values["W"], DIGITS)
+    values = largest_margin(program)
+    return None if values is None else (ExactMatrix.from_floats(values["P"], DIGITS), ExactMatrix.from_floats(values["W"], DIGITS))
 
 
-def lmi_15_limit(z: Coordinates[Matrix]) -> arb | None:
+def lmi_15_limit(z: Coordinates) -> arb | None:
     """A period at and above which (15) has no solution: pi / (2 rho), rho = the largest -Q1_kk of a triangular
     Q1, from its lower right block W > tau^2 Phi_1' W Phi_1; None where no such bound is enclosed.
 

@@ -6,8 +6,9 @@ Each function takes a numpy array or a Matrix and returns the same kind; balls t
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from fractions import Fraction
 from functools import reduce
-from typing import Any, TypeVar
+from typing import Any, TypeAlias
 
 import numpy as np
 from flint import arb
@@ -16,10 +17,10 @@ from numpy.typing import NDArray
 from cdobs_cli.exact.matrix import Matrix, block
 
 Array = NDArray[np.float64]
-T = TypeVar("T")
+M: TypeAlias = Any  # a numpy array or a Matrix
 
 
-def positive_part(A: T) -> T:
+def positive_part(A: M) -> M:
     """A^+ = max(0, A).
 
     Source: Efimov2016, (1)
@@ -27,16 +28,15 @@ def positive_part(A: T) -> T:
     return _each(A, lambda value: arb.max(value, arb(0)) if isinstance(value, arb) else max(value, 0), lambda floats: np.maximum(floats, 0))
 
 
-def negative_part(A: T) -> T:
+def negative_part(A: M) -> M:
     """A^- = A^+ - A = max(0, -A).
 
     Source: Efimov2016, (1)
     """
-    matrix: Any = A
-    return positive_part(-matrix)  # type: ignore[no-any-return]
+    return positive_part(-A)
 
 
-def absolute(A: T) -> T:
+def absolute(A: M) -> M:
     """|A| = A^+ + A^-.
 
     Source: Efimov2016, (1)
@@ -44,17 +44,17 @@ def absolute(A: T) -> T:
     return _each(A, abs, np.abs)
 
 
-def diagonal_part(A: T) -> T:
+def diagonal_part(A: M) -> M:
     """The main diagonal, zeros elsewhere."""
     return _where(A, lambda i, j: i == j)
 
 
-def off_diagonal_part(A: T) -> T:
+def off_diagonal_part(A: M) -> M:
     """Everything but the main diagonal."""
     return _where(A, lambda i, j: i != j)
 
 
-def metzler_split(Q: T) -> tuple[T, T]:
+def metzler_split(Q: M) -> tuple[M, M]:
     """(P, N) with Q = P - N, P Metzler and N >= 0: P keeps the diagonal.
 
         P = diag(Q) + offdiag(Q)^+,    N = offdiag(Q)^-
@@ -63,9 +63,8 @@ def metzler_split(Q: T) -> tuple[T, T]:
     Deviates: the paper splits the diagonal of the first rows as well, which couples the two bounds needlessly
         where it is negative.
     """
-    rest: Any = off_diagonal_part(Q)
-    diagonal: Any = diagonal_part(Q)
-    return diagonal + positive_part(rest), negative_part(rest)
+    rest = off_diagonal_part(Q)
+    return diagonal_part(Q) + positive_part(rest), negative_part(rest)
 
 
 def both_sides(M: Any) -> Any:
@@ -74,14 +73,19 @@ def both_sides(M: Any) -> Any:
     return block([[plus, minus], [minus, plus]])
 
 
-def zeros_like(example: T, height: int, width: int) -> T:
+def zeros_like(example: M, height: int, width: int) -> M:
     """A zero matrix in the arithmetic of another."""
-    return Matrix.zeros(height, width) if isinstance(example, Matrix) else np.zeros((height, width))  # type: ignore[return-value]
+    return Matrix.zeros(height, width) if isinstance(example, Matrix) else np.zeros((height, width))
 
 
-def identity_like(example: T, size: int) -> T:
+def identity_like(example: M, size: int) -> M:
     """An identity in the arithmetic of another matrix."""
-    return Matrix.identity(size) if isinstance(example, Matrix) else np.eye(size)  # type: ignore[return-value]
+    return Matrix.identity(size) if isinstance(example, Matrix) else np.eye(size)
+
+
+def symmetrised(M: Matrix) -> Matrix:
+    """(M + M')/2: stored matrices are symmetric up to what someone typed."""
+    return (M + M.T) * Fraction(1, 2)
 
 
 def solve(A: Any, b: Any) -> Any:
@@ -110,15 +114,15 @@ def highest(columns: Iterable[Matrix]) -> Matrix:
     return column(reduce(arb.max, row) for row in zip(*highest, strict=True))
 
 
-def _each(A: T, entry: Callable[[Any], Any], floats: Callable[[Any], Any]) -> T:
+def _each(A: M, entry: Callable[[Any], Any], floats: Callable[[Any], Any]) -> M:
     if isinstance(A, Matrix):
-        return Matrix.from_rows([[entry(value) for value in row] for row in A.tolist()])  # type: ignore[return-value]
-    return floats(np.asarray(A, dtype=float))  # type: ignore[no-any-return]
+        return Matrix.from_rows([[entry(value) for value in row] for row in A.tolist()])
+    return floats(np.asarray(A, dtype=float))
 
 
-def _where(A: T, kept: Callable[[Any, Any], Any]) -> T:
+def _where(A: M, kept: Callable[[Any, Any], Any]) -> M:
     if isinstance(A, Matrix):
         rows = [[value if kept(i, j) else 0 for j, value in enumerate(row)] for i, row in enumerate(A.tolist())]
-        return Matrix.from_rows(rows)  # type: ignore[return-value]
+        return Matrix.from_rows(rows)
     floats = np.asarray(A, dtype=float)
-    return np.where(np.fromfunction(kept, floats.shape), floats, 0.0)  # type: ignore[return-value]
+    return np.where(np.fromfunction(kept, floats.shape), floats, 0.0)

@@ -22,21 +22,13 @@ def problems(family: Interval, plant: Plant, simulation: SimulationPlan | None) 
     if n > MAX_STATES:
         found.append(Problem(("plant", "states"), "this observer is built for small plants", f"{n} states", f"at most {MAX_STATES}"))
     if plant.sampling.is_updated:
-        found.append(
-            Problem(
-                ("measurement", "sampling", "updated"), "this observer does not choose its sampling instants",
-                allowed="{period: ..} or {min_period: .., max_period: ..}", hint="family updated_sampling does",
-            )
-        )  # fmt: skip
-    states = set(plant.states)
+        why, allowed = "this observer does not choose its sampling instants", "{period: ..} or {min_period: .., max_period: ..}"
+        found.append(Problem(("measurement", "sampling", "updated"), why, allowed=allowed, hint="family updated_sampling does"))
     for i, phi in enumerate(plant.phi):
-        if states & phi.variables:
-            found.append(
-                Problem(
-                    ("plant", "phi", i), "this observer is for linear plants: phi may use the inputs only", str(phi), '"0"',
-                    "write linear terms into A, and bound a nonlinear one by plant.disturbance",
-                )
-            )  # fmt: skip
+        if phi.variables & set(plant.states):
+            why = "this observer is for linear plants: phi may use the inputs only"
+            hint = "write linear terms into A, and bound a nonlinear one by plant.disturbance"
+            found.append(Problem(("plant", "phi", i), why, str(phi), '"0"', hint))
     if family.gain is not None:
         found += _shape(("observer", "gain", "S"), family.gain.S, (n, n), "one row and one column per state")
         found += _shape(("observer", "gain", "L"), family.gain.L, (n, p), "one row per state, one column per output")
@@ -48,9 +40,8 @@ def problems(family: Interval, plant: Plant, simulation: SimulationPlan | None) 
                 K: ExactMatrix = getattr(family.feedback, name)
                 found += _shape(("observer", "feedback", name), K, (m, n), "one row per input, one column per state")
     if simulation is not None and simulation.initial_box is None:
-        found.append(
-            Problem(("simulation", "initial_box"), "this observer starts from a known box of x(0)", "nothing", "{lower: [..], upper: [..]}")
-        )
+        why, allowed = "this observer starts from a known box of x(0)", "{lower: [..], upper: [..]}"
+        found.append(Problem(("simulation", "initial_box"), why, "nothing", allowed))
     return found
 
 

@@ -16,16 +16,16 @@ from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, lower_text, upper_text
 from cdobs_cli.families.interval.cone import Cone
-from cdobs_cli.families.interval.design import Search, Shape, printed
+from cdobs_cli.families.interval.design import Search, Shape, printed, residuals
 from cdobs_cli.families.interval.feedback_design import feedback_design
 from cdobs_cli.families.interval.held_loop import HeldLoop
 from cdobs_cli.families.interval.hull import Hull
 from cdobs_cli.families.interval.hull_design import hull_design
 from cdobs_cli.families.interval.hurwitz import Hurwitz, final_width
 from cdobs_cli.families.interval.lmi_15 import Lmi15
+from cdobs_cli.families.interval.method import between
 from cdobs_cli.families.interval.observer import inclusion
 from cdobs_cli.families.interval.parts import Array, entries
-from cdobs_cli.families.interval.sylvester import residuals
 from cdobs_cli.families.interval.system import System, singular
 from cdobs_cli.families.interval.theorem_2 import Theorem2
 from cdobs_cli.plant import Plant
@@ -188,5 +188,5 @@ def _held_law(question: Question, least: SamplingLaw) -> SamplingLaw:
     """The law with its period cut to what the held loop is proved for, or the least acceptable one."""
     if HeldLoop.propose(question) is not None:
         return question.law
-    loop = HeldLoop.between(question, least.T_max, question.law.T_max, _HELD_WIDTH)
+    loop = between(lambda T: HeldLoop.propose(question.at(T)), least.T_max, question.law.T_max, _HELD_WIDTH)
     return least if loop is None else loop.law

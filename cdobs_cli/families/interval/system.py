@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numpy as np
 from flint import arb
 
 from cdobs_cli.certify.methods.base import Question
@@ -15,7 +14,7 @@ from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.families.interval.errors import ErrorSystem
 from cdobs_cli.families.interval.intersect import measured_rows
-from cdobs_cli.families.interval.parts import Array, absolute
+from cdobs_cli.families.interval.parts import absolute
 from cdobs_cli.families.interval.positivity import PositivityLimit, positivity_limit
 from cdobs_cli.families.interval.theorems import Coordinates, ObserverLoop, assumption_3, coordinates, observer_loop, width_matrix
 from cdobs_cli.plant import Box, Plant
@@ -48,19 +47,20 @@ class System:
         return self.plant.n
 
     @cached_property
-    def z(self) -> Coordinates[Matrix]:
+    def z(self) -> Coordinates:
         """Raises: ZeroDivisionError where S may be singular."""
         S, L = self.gain["S"].balls(), self.gain["L"].balls()
         return coordinates(self.plant.A.balls(), self.plant.C.balls(), S, S.inverse(), L)
 
     @cached_property
-    def floats(self) -> Coordinates[Array]:
+    def floats(self) -> Coordinates:
         S, L = self.gain["S"].floats, self.gain["L"].floats
         return coordinates(self.plant.A.floats, self.plant.C.floats, S, self.z.R.floats, L)
 
     @cached_property
     def Mtot(self) -> Matrix:
-        return width_matrix(self.z.Q0, self.z.Q1)
+        Mtot: Matrix = width_matrix(self.z.Q0, self.z.Q1)
+        return Mtot
 
     @cached_property
     def structure(self) -> tuple[str, ...]:
@@ -93,7 +93,8 @@ class System:
     def delta_width(self) -> Matrix:
         """|S| (d_upper - d_lower) + |S L| (v_upper - v_lower)."""
         disturbance, noise = self.widths
-        return absolute(self.z.S) @ disturbance + absolute(self.z.SL) @ noise
+        width: Matrix = absolute(self.z.S) @ disturbance + absolute(self.z.SL) @ noise
+        return width
 
     @cached_property
     def predicted(self) -> tuple[Matrix, Matrix]:
@@ -139,12 +140,3 @@ def singular(S: ExactMatrix) -> str | None:
     if S.balls().is_rational:
         return "S is singular (det S = 0), so z = S x does not determine x"
     return f"S may be singular: det S is only known to be within {float(arb(determinant).rad()):.1g} of {float(arb(determinant).mid()):.1g}"
-
-
-def float_inverse(S: Array) -> Array | None:
-    """S^-1 in floats; None where floats take S for singular."""
-    try:
-        R: Array = np.linalg.inv(S).astype(np.float64)
-    except np.linalg.LinAlgError:
-        return None
-    return R if np.all(np.isfinite(R)) else None

@@ -8,8 +8,9 @@ already, no solution of the LMIs exists.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from fractions import Fraction
+from types import SimpleNamespace
 from typing import Self
 
 import numpy as np
@@ -24,13 +25,11 @@ from cdobs_cli.certify.methods.base import Proof, Question
 from cdobs_cli.exact.functions import fraction_ball, hull
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, lower_text, upper_text
-from cdobs_cli.families.interval.lmi_15 import symmetrised
-from cdobs_cli.families.interval.method import DIGITS, Part
-from cdobs_cli.families.interval.parts import Array
+from cdobs_cli.families.interval.method import DIGITS, Part, between
+from cdobs_cli.families.interval.parts import Array, symmetrised
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.families.interval.theorems import (
     ObserverLoop,
-    Theorem2Unknowns,
     theorem_2_derivative,
     theorem_2_functional,
     theorem_2_gain_limit,
@@ -38,7 +37,7 @@ from cdobs_cli.families.interval.theorems import (
 from cdobs_cli.sampling import SamplingLaw
 
 SYMMETRIC = ("P", "U")
-_NAMES = tuple(field.name for field in fields(Theorem2Unknowns))
+_NAMES = ("P", "U", "X", "X_1", "P_2", "P_3", "R", "Y_1", "Y_2")
 _MOST_STATES = 3  # beyond these it takes longer than it is worth
 _WIDTH = Fraction(1, 1000)
 _SLACK = 1e-6
@@ -46,7 +45,8 @@ _SLACK = 1e-6
 
 @dataclass(frozen=True)
 class Theorem2(Part):
-    """A solution of Theorem 2's inequalities at the law's largest period, with gain gamma."""
+    """A solution of Theorem 2's inequalities at the law's largest period, with gain gamma: P, U symmetric, the others
+    full, all (2n, 2n)."""
 
     P: ExactMatrix
     U: ExactMatrix
@@ -78,8 +78,8 @@ class Theorem2(Part):
             return None
         gamma, unknowns = solution
         for factor in (1 + 1e-6, 1 + 1e-4, 1.01):
-            theorem = cls(law, **unknowns, gamma=decimal_text(gamma * factor**0.5, 8))
-            if theorem.prove(question).holds:
+            theorem = cls(law, **unknowns, gamma=decimal_text(gamma * factor**0.5, 8)).proved(question)
+            if theorem is not None:
                 return theorem
         return None
 
@@ -90,9 +90,7 @@ class Theorem2(Part):
         limit = gain_limit(system)
         if question.effort == 0 or refute_theorem_2(system.loop, limit) is not None:
             return None
-        ends = search.short(T / 50, 6), search.short(2 * T, 8)
-        proof = search.between(lambda period: cls._below(question.at(period), limit), *ends, _WIDTH)
-        return None if proof is None else proof[1]
+        return between(lambda period: cls._below(question.at(period), limit), search.short(T / 50, 6), search.short(2 * T, 8), _WIDTH)
 
     @classmethod
     def _below(cls, question: Question, limit: arb) -> Self | None:
@@ -112,10 +110,10 @@ class Theorem2(Part):
         return Proof.of(all(has_positive_pivots(M) for M in inequalities))
 
     @property
-    def unknowns(self) -> Theorem2Unknowns[Matrix]:
+    def unknowns(self) -> SimpleNamespace:
         """The unknowns in balls, P and U made symmetric."""
         named = {name: getattr(self, name).balls() for name in _NAMES}
-        return Theorem2Unknowns(**{name: symmetrised(M) if name in SYMMETRIC else M for name, M in named.items()})
+        return SimpleNamespace(**{name: symmetrised(M) if name in SYMMETRIC else M for name, M in named.items()})
 
 
 def _least_gain(loop: ObserverLoop, T: float) -> tuple[float, dict[str, ExactMatrix]] | None:
@@ -123,14 +121,12 @@ def _least_gain(loop: ObserverLoop, T: float) -> tuple[float, dict[str, ExactMat
     size = len(loop.Phi_0)
     program = Program({name: symmetric(size) if name in SYMMETRIC else full(size, size) for name in _NAMES} | {"g": full(1, 1)})
 
-    def unknowns(x: Mapping[str, Array]) -> Theorem2Unknowns[Array]:
-        return Theorem2Unknowns(**{name: x[name] for name in _NAMES})
-
     def derivative(x: Mapping[str, Array], corner: int) -> Array:
-        M = theorem_2_derivative(loop, unknowns(x), x["g"][0, 0], T, corner)
-        return -M - _SLACK * np.eye(len(M))
+        M = theorem_2_derivative(loop, SimpleNamespace(**x), x["g"][0, 0], T, corner)
+        margin: Array = -M - _SLACK * np.eye(len(M))
+        return margin
 
-    program.require(lambda x: theorem_2_functional(unknowns(x), T) - _SLACK * np.eye(2 * size))
+    program.require(lambda x: theorem_2_functional(SimpleNamespace(**x), T) - _SLACK * np.eye(2 * size))
     program.require(lambda x: derivative(x, 0))
     program.require(lambda x: derivative(x, 1))
     program.require(lambda x: x["P"] - _SLACK * np.eye(size))

@@ -62,7 +62,8 @@ def intersect_width(a: Analysis) -> Matrix | None:
     w, system = ordered_width(a), a.system
     if w is None:
         return None
-    return absolute(system.z.R) @ intersected_width(system.z, system.rows, w, system.delta_width, system.widths[1], law_ends(a.law)[1])
+    x: Matrix = absolute(system.z.R) @ intersected_width(system.z, system.rows, w, system.delta_width, system.widths[1], law_ends(a.law)[1])
+    return x
 
 
 def tightest_hull(a: Analysis) -> Matrix | None:

@@ -6,7 +6,6 @@ import numpy as np
 
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.exact.expression import ZERO
-from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.interval import Interval
 from cdobs_cli.families.interval.observer import inclusion
@@ -48,12 +47,12 @@ PENDULUM_S = ExactMatrix([["sqrt(2)", 0], [-1, 1]])
 PENDULUM_L = ExactMatrix([[4], [4]])
 
 
-def exact(A, C, S, L) -> Coordinates[Matrix]:
+def exact(A, C, S, L) -> Coordinates:
     A, C, S, L = (m if isinstance(m, ExactMatrix) else ExactMatrix(m) for m in (A, C, S, L))
     return coordinates(A.balls(), C.balls(), S.balls(), S.balls().inverse(), L.balls())
 
 
-def floats(A, C, S, L) -> Coordinates[np.ndarray]:
+def floats(A, C, S, L) -> Coordinates:
     A, C, S, L = (m if isinstance(m, ExactMatrix) else ExactMatrix(m) for m in (A, C, S, L))
     return coordinates(A.floats, C.floats, S.floats, np.linalg.inv(S.floats), L.floats)
 

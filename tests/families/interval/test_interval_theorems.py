@@ -17,7 +17,7 @@ from cdobs_cli.families.interval.hurwitz import final_width, find_w_star, prove_
 from cdobs_cli.families.interval.lmi_15 import Lmi15, lmi_15_limit
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.families.interval.theorem_2 import Theorem2, gain_limit, refute_theorem_2, spectral_norm
-from cdobs_cli.families.interval.theorems import feedback_flow, feedback_held, lmi_15, width_matrix
+from cdobs_cli.families.interval.theorems import lmi_15, observer_loop, width_matrix
 from cdobs_cli.sampling import SamplingLaw
 
 
@@ -202,7 +202,8 @@ def test_feedback_matrices_agree_with_the_width_and_midpoint():
     """The width of zeta does not depend on the feedback; its midpoint moves with Q0 + Q1 + S B (K_lower + K_upper)."""
     f = floats(*PENDULUM)
     B, low, up = np.array([[0.0], [1]]), np.array([[-0.125, -0.125]]), np.array([[-0.0625, -0.0625]])
-    F = feedback_flow(f.Q0) + feedback_held(f.Q1, f.S @ B, low, up)
+    loop = observer_loop(f, f.S @ B, low, up)
+    F = loop.Phi_0 + loop.Phi_2
     difference, total = np.hstack([-np.eye(2), np.eye(2)]), np.vstack([np.eye(2), np.eye(2)])
     assert np.allclose(difference @ F, width_of(f) @ difference)
     assert np.allclose(F @ total, np.vstack([f.Q0 + f.Q1 + f.S @ B @ (low + up)] * 2))

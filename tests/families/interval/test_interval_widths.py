@@ -15,8 +15,8 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.interval import Feedback, Gain, Interval
 from cdobs_cli.families.interval.analysis import Analysis
 from cdobs_cli.families.interval.hull import Hull
+from cdobs_cli.families.interval.hurwitz import refute_width, width_contracts, width_growth
 from cdobs_cli.families.interval.intersect import intersected_width
-from cdobs_cli.families.interval.sampled_width import refute_width, width_contracts, width_growth
 from cdobs_cli.families.interval.theorems import Coordinates, width_matrix
 from cdobs_cli.families.interval.widths import comparison, plain_width
 from cdobs_cli.sampling import SamplingLaw
