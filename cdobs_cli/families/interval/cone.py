@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import cached_property
-from typing import Self
+from functools import lru_cache
+from typing import Self, TypeVar
 
 from flint import arb
 
@@ -28,6 +28,7 @@ from cdobs_cli.families.interval.method import Part, between
 from cdobs_cli.families.interval.rays import extreme_rays
 from cdobs_cli.families.interval.system import System
 
+C = TypeVar("C", bound="Cone")
 _MOST_STATES = 6
 _WIDTH, _LONGER = Fraction(1, 50000), 4  # how closely, and how many times beyond the start, the longest is looked for
 _ABOVE = Fraction(1, 10**6)  # how far above the limit of E(s) >= 0 a cone is first looked for
@@ -56,20 +57,27 @@ class Cone(Part):
     @classmethod
     def propose(cls, question: Question) -> Self | None:
         """A cone that encloses the errors, with the weights of its size where they are proved too."""
-        from cdobs_cli.families.interval.cone_search import likely_cones, with_shrinking
-
-        errors = System.of(question).errors
-        for H in likely_cones(errors, question.law):
-            cone = cls(question.law, H)
-            if cone.encloses(errors):
-                return with_shrinking(errors, cone)
-        return None
+        return cls._shrinking(cls._enclosing(question), question)
 
     @classmethod
     def longest(cls, question: Question) -> Self | None:
         """Looked for from the law's own period on."""
         start = question.law.T_max
-        return between(lambda T: cls.propose(question.at(T)), start, search.short(float(start) * _LONGER, 12), _WIDTH)
+        cone = between(lambda T: cls._enclosing(question.at(T)), start, search.short(float(start) * _LONGER, 12), _WIDTH)
+        return cls._shrinking(cone, question)
+
+    @classmethod
+    def _enclosing(cls, question: Question) -> Self | None:
+        from cdobs_cli.families.interval.cone_search import likely_cones
+
+        cones = (cls(question.law, H) for H in likely_cones(System.of(question).errors, question.law))
+        return next((cone for cone in cones if cone.prove(question).holds), None)
+
+    @staticmethod
+    def _shrinking(cone: C | None, question: Question) -> C | None:
+        from cdobs_cli.families.interval.cone_search import with_shrinking
+
+        return None if cone is None else with_shrinking(System.of(question).errors, cone)
 
     @classmethod
     def above(cls, question: Question) -> Exact | None:
@@ -86,15 +94,10 @@ class Cone(Part):
         longest = None if start is None else cls.longest(question.at(start))
         return [cone for cone in (own, longest) if cone is not None]
 
-    @cached_property
+    @property
     def rays(self) -> Matrix | None:
         """Columns whose nonnegative combinations are K; None where H is not rational or they are too many."""
-        rows = [[entry.rational for entry in row] for row in self.H.rows]
-        exact = [[value for value in row if value is not None] for row in rows]
-        if any(len(row) != self.H.shape[1] for row in exact):
-            return None
-        rays = extreme_rays(exact, self.H.shape[1])
-        return Matrix.from_rows(rays).T if rays else None
+        return rays_of(self.H)
 
     def _prove(self, question: Question) -> Proof:
         return Proof.of(self.encloses(System.of(question).errors))
@@ -197,3 +200,12 @@ class Cone(Part):
             return all(middle[i, j] + radius * slope[i, j] >= 0 for i, j in pairs)
 
         return holds_between(low, high, holds)
+
+
+@lru_cache(maxsize=64)
+def rays_of(H: ExactMatrix) -> Matrix | None:
+    """The extreme rays of {e >= 0 : H e >= 0}; None where H is not rational or they are too many."""
+    rows = [[entry.rational for entry in row] for row in H.rows]
+    exact = [[value for value in row if value is not None] for row in rows]
+    rays = extreme_rays(exact, H.shape[1]) if exact == rows else None
+    return Matrix.from_rows(rays).T if rays else None

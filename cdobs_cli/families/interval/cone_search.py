@@ -15,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 
 from cdobs_cli.exact.numbers import ExactMatrix
-from cdobs_cli.families.interval.cone import Cone
+from cdobs_cli.families.interval.cone import Cone, rays_of
 from cdobs_cli.families.interval.errors import ErrorSystem
 from cdobs_cli.families.interval.hull import falling_weights
 from cdobs_cli.families.interval.parts import Array
@@ -39,7 +39,7 @@ def likely_cones(errors: ErrorSystem, law: SamplingLaw) -> Iterator[ExactMatrix]
     sampled = times >= float(law.T_min) * (1 - 1e-12)
     for share in _SHARES:
         exact = ExactMatrix.from_floats(rows * np.where(rows > 0, share, 1.0), _DIGITS)
-        H, G = exact.floats, Cone(law, exact).rays
+        H, G = exact.floats, rays_of(exact)
         if G is None or (H @ errors.start.floats).min() < 0:
             continue
         after = maps[0] @ G.floats

@@ -18,7 +18,7 @@ from flint import arb
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.families.interval.held import flows, growth
 from cdobs_cli.families.interval.parts import Array, both_sides, identity_like, zeros_like
-from cdobs_cli.families.interval.theorems import Coordinates, coordinates, error_flow, error_held
+from cdobs_cli.families.interval.theorems import Coordinates, coordinates, error_flow
 from cdobs_cli.hybrid import ErrorMaps, PlantView
 
 _LARGEST_EXPONENT = 200.0  # of |M| s in floats
@@ -43,7 +43,7 @@ class ErrorSystem:
         n = z.S.shape[0]
         start = both_sides(z.S)
         driven = (*_pairs(start, disturbance), *_pairs(both_sides(z.SL), noise))
-        return ErrorSystem(error_flow(z.Q0), error_held(z.Q1), start, driven, tuple(i + side for side in (0, n) for i in measured))
+        return ErrorSystem(error_flow(z.Q0), error_flow(z.Q1), start, driven, tuple(i + side for side in (0, n) for i in measured))
 
     @property
     def size(self) -> int:
@@ -95,7 +95,7 @@ def error_maps(view: PlantView[Any]) -> ErrorMaps[Any]:
     S: Any = view.gain["S"]
     R = S.inverse() if isinstance(S, Matrix) else np.linalg.inv(S)
     z = coordinates(view.A, view.C, S, R, view.gain["L"])
-    M, N1 = error_flow(z.Q0), error_held(z.Q1)
+    M, N1 = error_flow(z.Q0), error_flow(z.Q1)
     zero, identity = zeros_like(M, *M.shape), identity_like(M, M.shape[0])
     jump: Any = block([[identity, zero], [identity, zero]])
     return ErrorMaps(base=block([[M, N1], [zero, zero]]), left=(), right=(), lower=(), upper=(), jump=jump)

@@ -15,15 +15,13 @@ from cdobs_cli.exact.matrix import symmetric
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.families.interval.held import held_maps
 from cdobs_cli.families.interval.held_loop import HeldLoop
-from cdobs_cli.families.interval.method import largest_margin
+from cdobs_cli.families.interval.method import Gain, largest_margin
 from cdobs_cli.families.interval.parts import Array
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.families.interval.theorems import held_derivative, theorem_2_functional
 
 _EPSILONS = (0.1, 0.3, 1.0, 3.0)
 _DIGITS = 5
-
-Gain = Mapping[str, ExactMatrix]
 
 
 def feedback_design(question: Question) -> Gain | None:

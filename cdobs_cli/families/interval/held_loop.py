@@ -81,18 +81,17 @@ class HeldLoop(Part):
         P = symmetrised(self.P.balls())
         if P.shape != A.shape or not has_positive_pivots(P):
             return Proof.of(False)
-        return Proof.of(holds_under(self.law, lambda s: has_positive_pivots(decrease_over(P, A, closed, s))))
+        return Proof.of(holds_under(self.law, lambda s: has_positive_pivots(decrease_over(P, A, closed, s)[1])))
 
 
-def decrease_over(P: Matrix, A: Matrix, closed: Matrix, s: arb) -> Matrix:
-    """V' D V for every s of a ball, D the `decrease`: by its value in the middle, and its slope on all of it; V makes the
-    middle nearly diagonal, where balls are sharpest."""
+def decrease_over(P: Matrix, A: Matrix, closed: Matrix, s: arb) -> tuple[Matrix, Matrix]:
+    """V and V' D V for every s of a ball, D the `decrease`: by its value in the middle, and its slope on all of it.
+    V makes the middle nearly diagonal, where balls are sharpest."""
     middle = arb(s.mid())
     Phi, slope = growth_and_slope(A, closed, s)
     value, fall = decrease(P, growth(A, closed, middle), middle), -(symmetric(P @ slope + Phi.T @ P @ slope * s) + Phi.T @ P @ Phi)
     V = Matrix.from_floats(np.linalg.eigh(value.floats)[1])
-    over: Matrix = V.T @ value @ V + V.T @ fall @ V * arb(0, s.rad())
-    return over
+    return V, V.T @ value @ V + V.T @ fall @ V * arb(0, s.rad())
 
 
 def decrease(P: Any, Phi: Any, s: Any) -> Any:

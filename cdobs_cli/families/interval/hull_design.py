@@ -9,7 +9,7 @@ is a Metzler matrix, and contraction in one weighted norm follows from its absci
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from fractions import Fraction
 from typing import Any
 
@@ -21,6 +21,7 @@ from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.families.interval.design import S_DIGITS, Search, climb
 from cdobs_cli.families.interval.held import held_maps
 from cdobs_cli.families.interval.hull import Hull
+from cdobs_cli.families.interval.method import Gain
 from cdobs_cli.families.interval.parts import Array
 from cdobs_cli.families.interval.system import singular
 from cdobs_cli.sampling import SamplingLaw
@@ -30,8 +31,6 @@ _USED = 0.98  # share of the longest period of a gain that is used: at the limit
 _SHORTEST = 1e-3  # of the largest period: where the grid of the search begins
 _CONDITION = 1e5
 _BEFORE = "hull design"  # in the memory of a question: the entries of S and L found last
-
-Gain = Mapping[str, ExactMatrix]
 
 
 def hull_design(card: Question, searched: Search) -> tuple[Gain, SamplingLaw, dict[str, Any]] | str:

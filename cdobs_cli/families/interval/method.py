@@ -16,6 +16,7 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.interval.parts import Array
 
 P = TypeVar("P", bound="Part")
+Gain = Mapping[str, ExactMatrix]
 
 SOURCE = "Efimov2016"
 DIGITS = 12  # of the entries of certificates
@@ -41,7 +42,7 @@ class Part(Method, ABC):
         """The certificate where it is proved."""
         return self if self.prove(question).holds else None
 
-    def certificate(self, gain: Mapping[str, ExactMatrix] | None = None) -> Certificate:
+    def certificate(self, gain: Gain | None = None) -> Certificate:
         data = {one.name: _texts(getattr(self, one.name)) for one in fields(self) if one.name != "law"}
         return Certificate(self.name, self.law, {name: value for name, value in data.items() if value is not None})
 
@@ -51,6 +52,8 @@ def _texts(value: Any) -> Any:
         return value.texts()
     if isinstance(value, tuple):
         return [_texts(one) for one in value]
+    if isinstance(value, dict):
+        return {name: _texts(one) for name, one in value.items()}
     return None if value is None else str(value)
 
 

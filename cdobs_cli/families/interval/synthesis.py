@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +13,7 @@ from cdobs_cli.certify.sylvester import is_observable
 from cdobs_cli.design import Design, Outcome
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
-from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, lower_text, upper_text
+from cdobs_cli.exact.numbers import Exact, decimal_text, lower_text, upper_text
 from cdobs_cli.families.interval.cone import Cone
 from cdobs_cli.families.interval.design import Search, Shape, printed, residuals
 from cdobs_cli.families.interval.feedback_design import feedback_design
@@ -23,7 +22,7 @@ from cdobs_cli.families.interval.hull import Hull
 from cdobs_cli.families.interval.hull_design import hull_design
 from cdobs_cli.families.interval.hurwitz import Hurwitz, final_width
 from cdobs_cli.families.interval.lmi_15 import Lmi15
-from cdobs_cli.families.interval.method import between
+from cdobs_cli.families.interval.method import Gain, between
 from cdobs_cli.families.interval.observer import inclusion
 from cdobs_cli.families.interval.parts import Array, entries
 from cdobs_cli.families.interval.system import System, singular
@@ -35,7 +34,6 @@ if TYPE_CHECKING:
     from cdobs_cli.families.interval import Interval
 
 METHODS = (Hurwitz, Lmi15, Hull, Cone, HeldLoop, Theorem2)
-Gain = Mapping[str, ExactMatrix]
 
 _CURVE_STATES = 4  # beyond these the curve is left to higher efforts
 _CURVE = (0.25, 0.5, 0.7, 0.85, 0.95, 1.0)  # shares of the longest period on the trade-off curve

@@ -26,13 +26,12 @@ from cdobs_cli.exact.functions import fraction_ball, hull
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, lower_text, upper_text
 from cdobs_cli.families.interval.method import DIGITS, Part, between
-from cdobs_cli.families.interval.parts import Array, symmetrised
+from cdobs_cli.families.interval.parts import Array, negative_part, positive_part, symmetrised
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.families.interval.theorems import (
     ObserverLoop,
     theorem_2_derivative,
     theorem_2_functional,
-    theorem_2_gain_limit,
 )
 from cdobs_cli.sampling import SamplingLaw
 
@@ -48,15 +47,7 @@ class Theorem2(Part):
     """A solution of Theorem 2's inequalities at the law's largest period, with gain gamma: P, U symmetric, the others
     full, all (2n, 2n)."""
 
-    P: ExactMatrix
-    U: ExactMatrix
-    X: ExactMatrix
-    X_1: ExactMatrix
-    P_2: ExactMatrix
-    P_3: ExactMatrix
-    R: ExactMatrix
-    Y_1: ExactMatrix
-    Y_2: ExactMatrix
+    unknowns: dict[str, ExactMatrix]
     gamma: str
 
     name = "theorem_2"
@@ -78,7 +69,7 @@ class Theorem2(Part):
             return None
         gamma, unknowns = solution
         for factor in (1 + 1e-6, 1 + 1e-4, 1.01):
-            theorem = cls(law, **unknowns, gamma=decimal_text(gamma * factor**0.5, 8)).proved(question)
+            theorem = cls(law, unknowns, decimal_text(gamma * factor**0.5, 8)).proved(question)
             if theorem is not None:
                 return theorem
         return None
@@ -102,18 +93,13 @@ class Theorem2(Part):
 
         Source: Efimov2016, Theorem 2
         """
-        loop, v, Tbar = System.of(question).loop, self.unknowns, self.law.T_max.ball()
-        gamma = Exact(self.gamma).ball()
-        if not gamma > 0 or any(getattr(v, name).shape != loop.Phi_0.shape for name in _NAMES):
+        loop, Tbar, gamma = System.of(question).loop, self.law.T_max.ball(), Exact(self.gamma).ball()
+        balls = {name: self.unknowns[name].balls() for name in _NAMES}
+        if not gamma > 0 or any(M.shape != loop.Phi_0.shape for M in balls.values()):
             return Proof.of(False)
+        v = SimpleNamespace(**balls | {name: symmetrised(balls[name]) for name in SYMMETRIC})
         inequalities = (v.P, v.U, theorem_2_functional(v, Tbar), *(-theorem_2_derivative(loop, v, gamma * gamma, Tbar, k) for k in (0, 1)))
         return Proof.of(all(has_positive_pivots(M) for M in inequalities))
-
-    @property
-    def unknowns(self) -> SimpleNamespace:
-        """The unknowns in balls, P and U made symmetric."""
-        named = {name: getattr(self, name).balls() for name in _NAMES}
-        return SimpleNamespace(**{name: symmetrised(M) if name in SYMMETRIC else M for name, M in named.items()})
 
 
 def _least_gain(loop: ObserverLoop, T: float) -> tuple[float, dict[str, ExactMatrix]] | None:
@@ -155,8 +141,13 @@ def spectral_norm(M: Matrix) -> arb:
 
 
 def gain_limit(system: System) -> arb:
-    """1 / (|C| mu), enclosed."""
-    return arb(theorem_2_gain_limit(spectral_norm(system.plant.C.balls()), system.z.R, spectral_norm))
+    """1 / (|C| mu) with mu = sqrt(2 (|R^+|^2 + |R^-|^2)), R = S^-1, enclosed.
+
+    Source: Efimov2016, Theorem 2
+    """
+    R = system.z.R
+    C, plus, minus = (spectral_norm(M) for M in (system.plant.C.balls(), positive_part(R), negative_part(R)))
+    return arb(1) / (C * ((plus * plus + minus * minus) * 2).sqrt())
 
 
 def refute_theorem_2(loop: ObserverLoop, limit: arb) -> Witness | None:

@@ -22,7 +22,6 @@ from cdobs_cli.families.interval.parts import (
     diagonal_part,
     identity_like,
     metzler_split,
-    negative_part,
     off_diagonal_part,
     positive_part,
 )
@@ -52,20 +51,13 @@ def coordinates(A: M, C: M, S: M, R: M, L: M) -> Coordinates:
 
 
 def error_flow(Q0: M) -> M:
-    """M = [P N; N P] of the Metzler split of Q0: the flow of e = (z - z_lower, z_upper - z).
+    """M = [P N; N P] of the Metzler split of Q0: the flow of e = (z - z_lower, z_upper - z). Of Q1: N1, how e(t_k) acts
+    until the next sample; negative off-diagonal entries of Q1 couple the two bounds.
 
     Source: Efimov2016, (11), (12)
     """
     P, N = metzler_split(Q0)
     return block([[P, N], [N, P]])
-
-
-def error_held(Q1: M) -> M:
-    """N1: how e(t_k) acts until the next sample; negative off-diagonal entries of Q1 couple the two bounds.
-
-    Source: Efimov2016, (11), (12)
-    """
-    return error_flow(Q1)
 
 
 def width_flow(Q: M) -> M:
@@ -237,16 +229,6 @@ def held_derivative(Omega: dict[tuple[int, int], Any], v: Any, Tbar: Any, corner
         return [[A11, A12, A13], [A12.T, A22, A23], [A13.T, A23.T, A33]]
     m1, m2, m3 = Y_1.T * Tbar, Y_2.T * Tbar, R.T * Tbar
     return [[A11, A12, A13, m1], [A12.T, A22, A23, m2], [A13.T, A23.T, A33, m3], [m1.T, m2.T, m3.T, -(U * Tbar)]]
-
-
-def theorem_2_gain_limit(C_norm: Any, R: M, norm: Any) -> Any:
-    """1 / (|C| mu) with mu = sqrt(2 (|R^+|^2 + |R^-|^2)), R = S^-1; `norm` gives the spectral norm.
-
-    Source: Efimov2016, Theorem 2
-    """
-    plus, minus = norm(positive_part(R)), norm(negative_part(R))
-    mu_squared = (plus * plus + minus * minus) * 2
-    return 1 / (C_norm * mu_squared ** _half(mu_squared))
 
 
 def _half(like: Any) -> Any:

@@ -9,10 +9,12 @@ import pytest
 from interval_plants import PENDULUM, PENDULUM_S, SCALAR, asked, exact, floats, pendulum, question, scalar, up_to
 
 from cdobs_cli.certify.methods.base import read
+from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.interval.feedback_design import descriptor_design
-from cdobs_cli.families.interval.held_loop import HeldLoop, refute_held_loop
+from cdobs_cli.families.interval.held import growth, growth_and_slope, interval
+from cdobs_cli.families.interval.held_loop import HeldLoop, decrease, decrease_over, refute_held_loop
 from cdobs_cli.families.interval.hurwitz import final_width, find_w_star, prove_hurwitz, refute_hurwitz
 from cdobs_cli.families.interval.lmi_15 import Lmi15, lmi_15_limit
 from cdobs_cli.families.interval.system import System
@@ -168,6 +170,24 @@ def test_printed_feedback_of_the_scalar_loses_stability_at_log_1_4(T, stable):
 def test_printed_feedback_of_the_pendulum_is_separated():
     proved, witness = held(pendulum(up_to("0.1")), [["-1/8", "-1/8"]], [["-1/16", "-1/16"]], PENDULUM_S)
     assert proved and witness is None
+
+
+def test_values_and_slopes_over_an_interval_hold_every_point_of_it():
+    """Phi' against differences of Phi, and the decrease at points against its enclosure over the interval."""
+    rng = np.random.default_rng(5)
+    for n in (1, 2, 3):
+        A, closed, root = (Matrix.from_floats(rng.normal(size=(n, n)).round(2)) for _ in range(3))
+        P = root.T @ root
+        ball, h = interval(Fraction(1, 5), Fraction(1, 2)), Fraction(1, 10**8)
+        V, over = decrease_over(P, A, closed, ball)
+        for share in (0, Fraction(1, 3), 1):
+            s = Fraction(1, 5) + share * Fraction(3, 10)
+            Phi, slope = growth_and_slope(A, closed, fraction_ball(s))
+            difference = (growth(A, closed, fraction_ball(s + h)) - growth(A, closed, fraction_ball(s - h))).floats / float(2 * h)
+            assert np.allclose(slope.floats, difference, rtol=1e-6, atol=1e-6)
+            assert np.allclose(Phi.floats, growth(A, closed, fraction_ball(s)).floats)
+            inside = V.T @ decrease(P, Phi, fraction_ball(s)) @ V
+            assert all(over[i, j].contains(inside[i, j]) for i in range(n) for j in range(n))
 
 
 def test_held_loop_is_decided_as_by_the_spectral_radius():
