@@ -74,7 +74,8 @@ class Analysis:
 
     def periods(self, kind: type[Kind]) -> list[Exact]:
         """Largest periods of the proved certificates whose law is the design's with its period replaced."""
-        return [method.law.T_max for method, _ in self.proved(kind) if method.law == self.law.with_period(method.law.T_max)]
+        laws = [method.law for method, _ in self.proved(kind)]
+        return [law.T_max for law in laws if law == self.law.with_period(law.T_max)]
 
     @property
     def ordered(self) -> bool:
@@ -129,5 +130,6 @@ class Analysis:
         if reason is not None:
             self.reasons[identifier] = reason
             statement = f"{statement}; {reason}"
-        self.claims.append(Claim(identifier, kind, status, statement, source, margin=margin, method=method, witness=witness))
+        claim = Claim(identifier, kind, status, statement, source, margin=margin, method=method, witness=witness)
+        self.claims.append(claim)
         return status

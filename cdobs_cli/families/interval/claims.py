@@ -32,15 +32,15 @@ def certify(family: Interval, plant: Plant, design: Design, effort: int) -> Chec
     Source: Efimov2016, Theorem 1, Theorem 2
     """
     if design.outcome == "none":
-        return Check((_convergence(design, "undecided", f"There is no observer: {design.reason or 'no design'}."),))
+        return Check((_convergence("undecided", f"There is no observer: {design.reason or 'no design'}."),))
     missing = unlike_spec(family, design)
     if missing is not None:
-        return Check((_convergence(design, "undecided", missing),))
+        return Check((_convergence("undecided", missing),))
     try:
         a = Analysis(family, plant, design, effort)
         a.system.z  # noqa: B018 - inverts S
     except (ZeroDivisionError, KeyError):
-        return Check((_convergence(design, "undecided", "S has no inverse, so the bounds of x do not exist."),))
+        return Check((_convergence("undecided", "S has no inverse, so the bounds of x do not exist."),))
     parts = {"contraction": _hull(a)} if a.is_hull else _enclosure(a)
     if "K_lower" in design.gain:
         parts["separation"] = separation(a)
@@ -55,18 +55,21 @@ def unlike_spec(family: Interval, design: Design) -> str | None:
     exactly if it is asked for. None where nothing is wrong."""
     wanted = {name: matrix for name, matrix in family.given().items() if matrix is not None}
     held = [name for name in ("K_lower", "K_upper") if name in design.gain]
-    if family.feedback != "none" and len(held) < 2:
-        return "The spec asks for feedback and the design holds none: nothing is claimed of it. Run synthesize again."
-    if family.feedback == "none" and held:
-        return "The design holds a feedback that the spec does not ask for: nothing is claimed of it. Run synthesize again."
     changed = [name for name, matrix in wanted.items() if design.gain.get(name) != matrix]
-    if changed:
-        return f"{' and '.join(changed)} of the design are not those given in the spec: nothing is claimed of it. Run synthesize again."
-    return None
+    if family.feedback != "none" and len(held) < 2:
+        why = "The spec asks for feedback and the design holds none"
+    elif family.feedback == "none" and held:
+        why = "The design holds a feedback that the spec does not ask for"
+    elif changed:
+        why = f"{' and '.join(changed)} of the design are not those given in the spec"
+    else:
+        return None
+    return f"{why}: nothing is claimed of it. Run synthesize again."
 
 
-def _convergence(design: Design, status: Status, statement: str, by: str | None = None, witness: Witness | None = None) -> Claim:
-    return Claim("convergence", "consequence", status, statement, f"{SOURCE}, Theorem 1", required=True, by=by, witness=witness)
+def _convergence(status: Status, statement: str, by: str | None = None, witness: Witness | None = None) -> Claim:
+    source = f"{SOURCE}, Theorem 1"
+    return Claim("convergence", "consequence", status, statement, source, required=True, by=by, witness=witness)
 
 
 def _consequence(a: Analysis, parts: dict[str, Status]) -> Claim:
@@ -77,20 +80,22 @@ def _consequence(a: Analysis, parts: dict[str, Status]) -> Claim:
     what += ", with the feedback in the loop" if "separation" in parts else " and every bounded x (Assumption 1)"
     failed = [claim for claim in a.claims if parts.get(claim.id) == "refuted" and not _is_cut(a, claim.witness)]
     if failed:
-        return _convergence(a.design, "refuted", f"{what}; {a.reasons[failed[0].id]}", failed[0].id, failed[0].witness)
+        return _convergence("refuted", f"{what}; {a.reasons[failed[0].id]}", failed[0].id, failed[0].witness)
     if a.departs and not a.is_hull:
         reason = "; ".join(a.system.structure[:3])
-        return _convergence(a.design, "undecided", f"{what}: Assumption 3 fails for these S and L, {reason}")
+        return _convergence("undecided", f"{what}: Assumption 3 fails for these S and L, {reason}")
     if all(status == "proved" for status in parts.values()):
-        return _convergence(a.design, "proved", what, ", ".join(parts))
+        return _convergence("proved", what, ", ".join(parts))
     open_parts = ", ".join(name for name, status in parts.items() if status != "proved")
-    return _convergence(a.design, "undecided", f"{what}: open, because {open_parts} is")
+    return _convergence("undecided", f"{what}: open, because {open_parts} is")
 
 
 def _driven(plant: Plant) -> str:
     """What acts on plant and measurement meanwhile."""
     declared = [name for name, box in (("disturbance", plant.disturbance), ("noise", plant.noise)) if box is not None]
-    return f" and every {' and '.join(declared)} within the declared bounds" if declared else " without disturbance and noise"
+    if not declared:
+        return " without disturbance and noise"
+    return f" and every {' and '.join(declared)} within the declared bounds"
 
 
 def _is_cut(a: Analysis, witness: Witness | None) -> bool:
@@ -105,11 +110,13 @@ def _is_cut(a: Analysis, witness: Witness | None) -> bool:
 def _enclosure(a: Analysis) -> dict[str, Status]:
     """Assumption 3, the printed conditions, and the exact ones."""
     kind = "printed" if a.design.outcome == "given" else "certificate"
+    status: Status
     if a.system.structure:
-        a.say("assumption_3", kind, "refuted", f"Assumption 3: {'; '.join(a.system.structure[:4])}", f"{SOURCE}, Assumption 3")
+        status, text = "refuted", "; ".join(a.system.structure[:4])
     else:
-        text = "Assumption 3: -S L C S^-1 has the form [Q1bar 0; 0 0], its diagonal negative, the rest of Q1bar not negative"
-        a.say("assumption_3", kind, "proved", text, f"{SOURCE}, Assumption 3")
+        form = "-S L C S^-1 has the form [Q1bar 0; 0 0]"
+        status, text = "proved", f"{form}, its diagonal negative, the rest of Q1bar not negative"
+    a.say("assumption_3", kind, status, f"Assumption 3: {text}", f"{SOURCE}, Assumption 3")
     _printed_positivity(a)
     parts = {"positivity": positivity(a), "boundedness": boundedness(a)}
     _lmi_15(a)
@@ -127,7 +134,8 @@ def _printed_positivity(a: Analysis) -> None:
     a.bounds["positivity_period_max.theorem_1"] = Bound(
         lower_text(longest) if least >= 0 else None, method="printed sufficient condition", about="not attained"
     )
-    status: Status = "proved" if least >= 0 and longest > a.T else "refuted" if least < 0 or longest <= a.T else "undecided"
+    fails = least < 0 or longest <= a.T
+    status: Status = "proved" if least >= 0 and longest > a.T else "refuted" if fails else "undecided"
     margin = lower_text(longest - a.T) if status == "proved" else None
     a.say("theorem_1_positivity", "printed", status, text, source, margin=margin)
 
@@ -146,7 +154,8 @@ def _lmi_15(a: Analysis) -> None:
     if longest is not None and a.law.T_max.is_at_most(longest):
         a.say("lmi_15", "certificate", "proved", text, source, margin=lower_text(longest.ball() - a.T))
     elif (limit is not None and limit <= a.T) or refute_hurwitz(a.system.Mtot) is not None:
-        a.say("lmi_15", "certificate", "refuted", text, source, method="no solution exists; that is no statement about the observer")
+        method = "no solution exists; that is no statement about the observer"
+        a.say("lmi_15", "certificate", "refuted", text, source, method=method)
     else:
         a.say("lmi_15", "certificate", "undecided", text, source)
 
@@ -164,8 +173,10 @@ def _hull(a: Analysis) -> Status:
         text += "; it is never wider than the bounds without it, which are bounded"
         return a.say("contraction", "certificate", "proved", text, method="comparison with positivity and boundedness")
     witness = refute_hull(a.system, a.law)
-    reason = None if witness is None else f"with T_k = {witness.times[0]} throughout the radius grows by {witness.multiplier} a sample"
-    return a.say("contraction", "certificate", "undecided" if witness is None else "refuted", text, witness=witness, reason=reason)
+    if witness is None:
+        return a.say("contraction", "certificate", "undecided", text)
+    reason = f"with T_k = {witness.times[0]} throughout the radius grows by {witness.multiplier} a sample"
+    return a.say("contraction", "certificate", "refuted", text, witness=witness, reason=reason)
 
 
 def _period_max(a: Analysis, parts: dict[str, Status]) -> None:

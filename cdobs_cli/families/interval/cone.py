@@ -1,6 +1,7 @@
 """Enclosure beyond the orthant: a polyhedral cone of errors that holds every error a box of x(0) can start.
 
-E(s) >= 0 decides for boxes of z(0); boxes of x(0) start in the smaller cone of the columns of [S^+ S^-; S^- S^+]. A cone
+E(s) >= 0 decides for boxes of z(0); boxes of x(0) start in the smaller cone of the columns of [S^+ S^-; S^- S^+].
+A cone
 
     K = {e >= 0 : H e >= 0}
 
@@ -13,7 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
 from flint import arb
 
@@ -52,7 +53,8 @@ class Cone(Part):
 
     @classmethod
     def applies(cls, question: Question) -> bool:
-        return question.card.tighten != "hull" and question.plant.n <= _MOST_STATES and System.of(question).limit.proved is not None
+        is_run = question.card.tighten != "hull" and question.plant.n <= _MOST_STATES
+        return is_run and System.of(question).limit.proved is not None
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:
@@ -63,7 +65,8 @@ class Cone(Part):
     def longest(cls, question: Question) -> Self | None:
         """Looked for from the law's own period on."""
         start = question.law.T_max
-        cone = between(lambda T: cls._enclosing(question.at(T)), start, search.short(float(start) * _LONGER, 12), _WIDTH)
+        end = search.short(float(start) * _LONGER, 12)
+        cone = between(lambda T: cls._enclosing(question.at(T)), start, end, _WIDTH)
         return cls._shrinking(cone, question)
 
     @classmethod
@@ -161,7 +164,7 @@ class Cone(Part):
                     least[k] += width * arb.min(arb(one), arb(other))
             return all(value >= 0 for value in least)
 
-        return not errors.driven or holds_between(Fraction(0), law_ends(self.law)[1], holds)
+        return not errors.driven or holds_between(holds, Fraction(0), law_ends(self.law)[1])
 
     def _stays_in_orthant(self, errors: ErrorSystem) -> bool:
         """Whether E(s) g >= 0 for every ray and s in [0, T_max]. Entries that start from 0 or are not pulled down
@@ -176,9 +179,10 @@ class Cone(Part):
         """Whether H E(s) g >= 0 for every ray and every period s of the law."""
         return self._stays_above(self.H.balls(), errors, *law_ends(self.law), from_zero=True)
 
-    def _stays_above(self, rows: Matrix, errors: ErrorSystem, low: Fraction, high: Fraction, *, from_zero: bool) -> bool:
-        """Whether h E(s) g >= 0 is proved on [low, high] for all pairs (h, g), by its value in the middle of a piece and
-        its slope on all of it; on a piece that begins at 0 by h g and the slope, and where h g = 0 by the slope alone.
+    def _stays_above(self, rows: Matrix, errors: ErrorSystem, *ends: Fraction, from_zero: bool) -> bool:
+        """Whether h E(s) g >= 0 is proved between the ends for all pairs (h, g), by its value in the middle of a piece
+        and its slope on all of it; on a piece that begins at 0 by h g and the slope, and where h g = 0 by the slope
+        alone.
 
             E(s) = E(c) + integral_c^s E'(r) dr,    E'(r) = exp(M r) (M + N1)
 
@@ -193,13 +197,16 @@ class Cone(Part):
         def holds(s: arb) -> bool:
             slope = rows @ flow(errors.M, s) @ drift
             if s.lower() <= 0:
-                return all(
-                    slope[i, j] >= 0 if first[i][j] == 0 else first[i][j] + s.upper() * arb.min(slope[i, j], arb(0)) >= 0 for i, j in pairs
-                )
+                return all(_stays_from_0(first[i][j], slope[i, j], s) for i, j in pairs)
             middle, radius = rows @ errors.at(arb(s.mid())) @ G, arb(0, s.rad())
             return all(middle[i, j] + radius * slope[i, j] >= 0 for i, j in pairs)
 
-        return holds_between(low, high, holds)
+        return holds_between(holds, *ends)
+
+
+def _stays_from_0(value: Any, slope: arb, s: arb) -> bool:
+    """Whether value + r slope >= 0 for r in [0, s], at a value of 0 by the slope alone."""
+    return bool(slope >= 0 if value == 0 else value + s.upper() * arb.min(slope, arb(0)) >= 0)
 
 
 @lru_cache(maxsize=64)

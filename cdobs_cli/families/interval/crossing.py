@@ -54,8 +54,8 @@ class Crossing:
     def witness(self, plant: Plant, distance: arb) -> Witness:
         """As stored: decimal or rational strings, one row of `disturbance` and `noise` a sample."""
         side = "lower" if self.component < plant.n else "upper"
-        data: dict[str, Any] = {name: [fraction_text(value) for value in getattr(self, name)] for name in ("lower", "upper", "state")}
-        data |= {
+        box = {"lower": self.lower, "upper": self.upper, "state": self.state}
+        data: dict[str, Any] = {name: [fraction_text(value) for value in values] for name, values in box.items()} | {
             "after": str(self.after), "bound": f"{side} bound of {plant.states[self.component % plant.n]}",
             "component": self.component, "distance": upper_text(distance),
             "disturbance": [list(map(str, chosen(plant.disturbance, low))) for low in self.low_d],
@@ -89,7 +89,8 @@ def distance(system: System, crossing: Crossing) -> arb:
 def _distances(width: Matrix, low: tuple[bool, ...], *, swapped: bool) -> Matrix:
     """(v - v_lower, v_upper - v) for v at the chosen ends, shape (2 size, 1); swapped: the other way round."""
     ends = list(zip((row[0] for row in width.tolist()), low, strict=True))
-    from_low, from_high = column(value * (not is_low) for value, is_low in ends), column(value * is_low for value, is_low in ends)
+    from_low = column(value * (not is_low) for value, is_low in ends)
+    from_high = column(value * is_low for value, is_low in ends)
     return block([[from_high], [from_low]] if swapped else [[from_low], [from_high]])
 
 

@@ -89,8 +89,9 @@ def crossing_from_box(system: System, law: SamplingLaw) -> Witness | None:
         crossing = _follow(maps, maps.start[:, start], [alone])
         for width in _BOXES if crossing is not None else ():
             assert crossing is not None
-            box = [Fraction(width * (k == start)) for k in range(size)]
-            witness = refutes(system, replace(crossing, lower=tuple(-value for value in box[:n]), upper=tuple(box[n:])), law)
+            box = tuple(Fraction(width * (k == start)) for k in range(size))
+            wider = replace(crossing, lower=tuple(-value for value in box[:n]), upper=box[n:])
+            witness = refutes(system, wider, law)
             if witness is not None:
                 return witness
     return None
@@ -127,7 +128,7 @@ def _corners(system: System) -> list[Corner]:
 
 
 def _follow(maps: Maps, start: Array, corners: list[Corner]) -> Crossing | None:
-    """The first word found, shortest first, that makes a distance of x from its bounds negative; its box is x(0) = 0."""
+    """The first word found, shortest first, that makes a distance of x from its bounds negative; x(0) = 0 is known."""
     states, known = start[:, None], (Fraction(0),) * (len(start) // 2)
     words: list[tuple[tuple[Exact, ...], tuple[Corner, ...]]] = [((), ())]
     for _ in range(_SAMPLES):

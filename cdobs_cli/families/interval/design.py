@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 
@@ -126,7 +125,8 @@ class Search:
         p = len(self.C)
         count = len(self.A) - p
         directions = np.where(np.arange(count)[:, None] % p == np.arange(p), 1.0, 0.2).ravel() if p > 1 else np.zeros(0)
-        return [np.concatenate([np.log(factor * self.scale * 1.6 ** np.arange(count)), directions]) for factor in (0.4, 1.0, 3.0)]
+        rates = [np.log(factor * self.scale * 1.6 ** np.arange(count)) for factor in (0.4, 1.0, 3.0)]
+        return [np.concatenate([logarithms, directions]) for logarithms in rates]
 
     def longest_design(self, effort: int) -> tuple[Shape, Array] | None:
         """Shape and injection with the largest period found."""
@@ -157,7 +157,8 @@ class Search:
             abscissa = self.abscissa(*pair)
             return -1e30 * (1 + abscissa / self.scale) if abscissa >= 0 else -cost(*pair)
 
-        parameters, best = climb(value, [np.concatenate([start, np.full(p, 3.0)]) for start in self.starts()], 0.5, effort)
+        starts = [np.concatenate([start, np.full(p, 3.0)]) for start in self.starts()]
+        parameters, best = climb(value, starts, 0.5, effort)
         return split(parameters) if best > -1e30 else None
 
     def width_design(self, Tbar: float, effort: int) -> tuple[Shape, Array] | None:
@@ -213,10 +214,8 @@ def printed(plant: Plant, shape: Shape, q: Array) -> dict[str, ExactMatrix]:
 
 def clean(exact: ExactMatrix, floats: Array) -> ExactMatrix:
     """Entries that are rounding noise of the largest become 0."""
-    largest = float(np.abs(floats).max()) or 1.0
-    zero = Exact(0)
-    rows: list[list[Any]] = [[zero if abs(float(entry)) < 1e-13 * largest else entry for entry in row] for row in exact.rows]
-    return ExactMatrix(rows)
+    noise = 1e-13 * (float(np.abs(floats).max()) or 1.0)
+    return ExactMatrix([[0 if abs(float(entry)) < noise else entry for entry in row] for row in exact.rows])
 
 
 def residuals(system: System, rates: Array, directions: Array) -> tuple[float, float]:

@@ -43,7 +43,8 @@ class ErrorSystem:
         n = z.S.shape[0]
         start = both_sides(z.S)
         driven = (*_pairs(start, disturbance), *_pairs(both_sides(z.SL), noise))
-        return ErrorSystem(error_flow(z.Q0), error_flow(z.Q1), start, driven, tuple(i + side for side in (0, n) for i in measured))
+        cut = tuple(i + side for side in (0, n) for i in measured)
+        return ErrorSystem(error_flow(z.Q0), error_flow(z.Q1), start, driven, cut)
 
     @property
     def size(self) -> int:

@@ -27,9 +27,8 @@ def separation(a: Analysis) -> Status:
     witness = refute_held_loop(a.question)
     if witness is None:
         return a.say("separation", "certificate", "undecided", text, source)
-    reason = (
-        f"with T_k = {witness.times[0]} throughout the held loop has the multiplier {_multiplier(witness)}: x diverges within its bounds"
-    )
+    loses = f"the held loop has the multiplier {_multiplier(witness)}: x diverges within its bounds"
+    reason = f"with T_k = {witness.times[0]} throughout {loses}"
     method = "eigenvalue of the sampled loop"
     return a.say("separation", "certificate", "refuted", text, source, method=method, witness=witness, reason=reason)
 
@@ -57,20 +56,22 @@ def theorem_2(a: Analysis) -> None:
         text += f", proved gamma = {gammas[own]}"
     small = [T for T, gamma in gammas.items() if gamma.ball() < limit]
     if small:
-        longest = max(small, key=float)
-        a.bounds["theorem_2_period_max"] = Bound(lower_text(longest.ball()), method=Theorem2.how, about="the held loop, by a small gain")
+        longest, about = lower_text(max(small, key=float).ball()), "the held loop, by a small gain"
+        a.bounds["theorem_2_period_max"] = Bound(longest, method=Theorem2.how, about=about)
     if own in small and a.status("theorem_1_positivity") == "proved":
         a.say("theorem_2", "printed", "proved", text, source, margin=lower_text(limit - gammas[own].ball()))
         return
     witness = refute_theorem_2(a.system.loop, limit)
     if witness is not None:
         text += f"; a constant y alone has gain {witness.data['static_gain']}, so no solution exists"
-        a.say("theorem_2", "printed", "refuted", text, source, method="static gain of the observer loop", witness=witness)
+        method = "static gain of the observer loop"
+        a.say("theorem_2", "printed", "refuted", text, source, method=method, witness=witness)
         return
     separated = next(claim for claim in a.claims if claim.id == "separation")
     if separated.status == "refuted":
         text += "; no solution exists, since the state diverges under this law"
-        a.say("theorem_2", "printed", "refuted", text, source, method="its conclusion is refuted", witness=separated.witness)
+        method = "its conclusion is refuted"
+        a.say("theorem_2", "printed", "refuted", text, source, method=method, witness=separated.witness)
     elif a.status("theorem_1_positivity") == "refuted":
         text += "; its condition on the injection fails"
         a.say("theorem_2", "printed", "refuted", text, source, method="printed condition evaluated")

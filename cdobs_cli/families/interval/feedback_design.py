@@ -60,8 +60,9 @@ def descriptor_design(A: Array, B: Array, Tbar: float, epsilon: float) -> Array 
     Source: Efimov2016, Theorem 2
     """
     n, m = B.shape
-    square = {name: full(n, n) for name in ("Q", "X", "X_1", "Y_1", "Y_2", "R")}
-    program = Program({"P": symmetric_unknown(n), "U": symmetric_unknown(n), **square, "Y": full(m, n), "t": full(1, 1)})
+    unknowns = {name: symmetric_unknown(n) for name in ("P", "U")}
+    unknowns |= {name: full(n, n) for name in ("Q", "X", "X_1", "Y_1", "Y_2", "R")}
+    program = Program({**unknowns, "Y": full(m, n), "t": full(1, 1)})
 
     def derivative(x: Mapping[str, Array], corner: int) -> Array:
         Q, Y_1, Y_2, R, BY = x["Q"], x["Y_1"], x["Y_2"], x["R"], B @ x["Y"]

@@ -114,6 +114,13 @@ def growing_period(law: SamplingLaw, F: Callable[[arb], Matrix]) -> Witness | No
     return None
 
 
+def tried_periods(law: SamplingLaw, count: int) -> Array:
+    """Periods of a law for a search in floats, denser at both ends."""
+    low, high = float(law.T_min), float(law.T_max)
+    shares = (1 - np.cos(np.pi * np.arange(count + 1) / count)) / 2
+    return np.array([high]) if low == high else low + (high - low) * shares
+
+
 def law_ends(law: SamplingLaw) -> tuple[Fraction, Fraction]:
     """Rational ends of an interval that holds every period of the law."""
     low, high = arb_fraction(law.T_min.ball().lower()), arb_fraction(law.T_max.ball().upper())
@@ -127,10 +134,10 @@ def interval(low: Fraction, high: Fraction) -> arb:
 
 def holds_under(law: SamplingLaw, holds: Callable[[arb], bool]) -> bool:
     """Whether what can be proved of all numbers of a ball is proved of every period of the law."""
-    return holds_between(*law_ends(law), holds)
+    return holds_between(holds, *law_ends(law))
 
 
-def holds_between(low: Fraction, high: Fraction, holds: Callable[[arb], bool]) -> bool:
+def holds_between(holds: Callable[[arb], bool], low: Fraction, high: Fraction) -> bool:
     """Whether what can be proved of all numbers of a ball is proved of those in [low, high]."""
     return covered(lambda a, b: holds(interval(a, b)), low, high)
 

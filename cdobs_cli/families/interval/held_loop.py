@@ -10,8 +10,10 @@ without it, and the state stays bounded for all bounded data exactly if the held
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
@@ -30,7 +32,7 @@ from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix, block, symmetric
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.interval.errors import error_maps
-from cdobs_cli.families.interval.held import flows, growth, growth_and_slope, holds_under
+from cdobs_cli.families.interval.held import flows, growth, growth_and_slope, holds_under, tried_periods
 from cdobs_cli.families.interval.method import DIGITS, Part, between, largest_margin
 from cdobs_cli.families.interval.parts import Array, identity_like, symmetrised, zeros_like
 from cdobs_cli.families.interval.system import System
@@ -65,9 +67,10 @@ class HeldLoop(Part):
     def longest(cls, question: Question) -> Self | None:
         """Between the law's own period, where that is proved, and the first refuted one."""
         own = cls.propose(question)
-        refuted = smallest_refuted(lambda T: held_inclusion(question.at(T)), None if own is None else own.law.T_max, question.effort)
+        start = None if own is None else own.law.T_max
+        refuted = smallest_refuted(lambda T: held_inclusion(question.at(T)), start, question.effort)
         high = search.short(20 * float(question.law.T_max), 6) if refuted is None else refuted[0]
-        low = search.short(float(high) / 100, 6) if own is None else own.law.T_max
+        low = search.short(float(high) / 100, 6) if start is None else start
         return between(lambda T: cls.propose(question.at(T)), low, high, _WIDTH)
 
     def _prove(self, question: Question) -> Proof:
@@ -89,7 +92,8 @@ def decrease_over(P: Matrix, A: Matrix, closed: Matrix, s: arb) -> tuple[Matrix,
     V makes the middle nearly diagonal, where balls are sharpest."""
     middle = arb(s.mid())
     Phi, slope = growth_and_slope(A, closed, s)
-    value, fall = decrease(P, growth(A, closed, middle), middle), -(symmetric(P @ slope + Phi.T @ P @ slope * s) + Phi.T @ P @ Phi)
+    value = decrease(P, growth(A, closed, middle), middle)
+    fall = -(symmetric(P @ slope + Phi.T @ P @ slope * s) + Phi.T @ P @ Phi)
     V = Matrix.from_floats(np.linalg.eigh(value.floats)[1])
     return V, V.T @ value @ V + V.T @ fall @ V * arb(0, s.rad())
 
@@ -102,17 +106,20 @@ def decrease(P: Any, Phi: Any, s: Any) -> Any:
 def _decreasing(A: Array, closed: Array, law: SamplingLaw) -> ExactMatrix | None:
     """P from the solver: the decrease at some periods of the law, largest margin."""
     n = len(A)
-    low, high = float(law.T_min), float(law.T_max)
-    periods = [high] if low == high else low + (high - low) * (1 - np.cos(np.pi * np.arange(_PERIODS + 1) / _PERIODS)) / 2
+    periods = tried_periods(law, _PERIODS)
     parts = flows(A, periods)
     growths = None if parts is None else parts[1] @ closed
     if growths is None or not np.all(np.isfinite(growths)):
         return None
     program = Program({"P": symmetric_unknown(n), "t": full(1, 1)})
     identity = np.eye(n)
+
+    def margin(x: Mapping[str, Array], s: float, Phi: Array) -> Array:
+        falls: Array = decrease(x["P"], Phi, s) / max(float(np.linalg.norm(Phi)), 1e-12) - identity * x["t"]
+        return falls
+
     for s, Phi in zip(periods, growths, strict=True):
-        scale = 1 / max(float(np.linalg.norm(Phi)), 1e-12)
-        program.require(lambda x, s=s, Phi=Phi, scale=scale: decrease(x["P"], Phi, s) * scale - identity * x["t"])  # type: ignore[misc]
+        program.require(partial(margin, s=s, Phi=Phi))
     program.require(lambda x: x["P"] - identity * x["t"])
     program.equate(lambda x: np.trace(x["P"]) - n)
     values = largest_margin(program)
@@ -151,7 +158,8 @@ def closed_maps(view: PlantView[Any]) -> ErrorMaps[Any]:
 
 def held_inclusion(question: Question) -> HybridInclusion:
     """The held loop of a question; the plant has B."""
-    return HybridInclusion(held_maps, question.plant, {**question.inclusion.gain, "B": question.plant.B}, question.law, ())
+    gain = {**question.inclusion.gain, "B": question.plant.B}
+    return HybridInclusion(held_maps, question.plant, gain, question.law, ())
 
 
 def refute_held_loop(question: Question) -> Witness | None:
@@ -167,4 +175,5 @@ def refute_held_loop(question: Question) -> Witness | None:
     largest = max(roots, key=lambda root: float(abs(root).mid()), default=None)
     if largest is None:
         return witness
-    return replace(witness, data={**witness.data, "eigenvalue": [f"{float(part.mid()):.10g}" for part in (largest.real, largest.imag)]})
+    eigenvalue = [f"{float(part.mid()):.10g}" for part in (largest.real, largest.imag)]
+    return replace(witness, data={**witness.data, "eigenvalue": eigenvalue})

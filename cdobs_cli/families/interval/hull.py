@@ -36,6 +36,7 @@ from cdobs_cli.families.interval.held import (
     held_maps,
     interval,
     law_ends,
+    tried_periods,
 )
 from cdobs_cli.families.interval.method import DIGITS, Part, largest_margin
 from cdobs_cli.families.interval.parts import Array, absolute, entries, highest, lower_of
@@ -90,14 +91,13 @@ def hull_growth(system: System, s: arb) -> tuple[Matrix, Matrix]:
 def _weights(system: System, law: SamplingLaw) -> ExactMatrix | None:
     """w by a linear program over some periods of the law, largest common rate."""
     z, n, (A, closed) = system.floats, system.n, (M.floats for M in system.predicted)
-    low, high = float(law.T_min), float(law.T_max)
-    periods = [high] if low == high else low + (high - low) * (1 - np.cos(np.pi * np.arange(_PERIODS + 1) / _PERIODS)) / 2
+    periods = tried_periods(law, _PERIODS)
     maps = held_maps(A, closed - A, periods)
     if maps is None:
         return None
     at_zero = width_flow(z.S @ closed @ z.R)
-    slopes = [at_zero if s == 0 else (np.abs(z.S @ F @ z.R) - np.eye(n)) / s for s, F in zip(periods, maps, strict=True)]
-    return falling_weights([-slope for slope in slopes], n)
+    moduli = zip(periods, np.abs(z.S @ maps @ z.R), strict=True)
+    return falling_weights([-at_zero if s == 0 else (np.eye(n) - F) / s for s, F in moduli], n)
 
 
 def falling_weights(falls: list[Array], n: int) -> ExactMatrix | None:
@@ -144,10 +144,11 @@ def hull_width(system: System, w: Matrix, law: SamplingLaw, known: Matrix | None
     """
     phases = _phases(system, *law_ends(law))
     samples = [phase for phase in phases if phase.is_sample]
-    shares = [(rate, fall) for one in samples for rate, fall in zip(entries(one.rate), contraction(one.Phi, w, one.s), strict=True)]
-    if not all(fall > 0 for _, fall in shares):
+    rates = [rate for phase in samples for rate in entries(phase.rate)]
+    falls = [fall for phase in samples for fall in contraction(phase.Phi, w, phase.s)]
+    if not all(fall > 0 for fall in falls):
         return None
-    rho = w.balls() * reduce(arb.max, [(rate / fall).upper() for rate, fall in shares])
+    rho = w.balls() * reduce(arb.max, [(rate / fall).upper() for rate, fall in zip(rates, falls, strict=True)])
     if known is not None:
         rho = lower_of(rho, known * Fraction(1, 2))
     for _ in range(1 if law_ends(law)[0] == 0 else _ROUNDS):
@@ -172,7 +173,8 @@ def _phases(system: System, low: Fraction, high: Fraction) -> list[_Phase]:
         # in_z(s)/s <= max of |S exp(A r)| d_rad over [0, s]; for pieces away from 0 by division.
         rate = (next_z / s if a > 0 else absolute(S @ E) @ half_d) + absolute(S @ gamma @ L) @ half_v
         to_x = absolute((identity + gamma @ closed * s) @ R)
-        phases.append(_Phase(s, S @ gamma @ closed @ R, rate, to_x, next_x + absolute(gamma @ L) @ half_v * s, a >= low))
+        noise = absolute(gamma @ L) @ half_v * s
+        phases.append(_Phase(s, S @ gamma @ closed @ R, rate, to_x, next_x + noise, a >= low))
         in_x, in_z = next_x, next_z
     return phases
 

@@ -27,7 +27,7 @@ from cdobs_cli.families.interval.system import singular
 from cdobs_cli.sampling import SamplingLaw
 
 _WIDTH, _DIGITS = Fraction(1, 30), 4
-_USED = 0.98  # share of the longest period of a gain that is used: at the limit itself the radius takes for ever to settle
+_USED = 0.98  # share of a gain's longest period that is used: at the limit itself the radius takes for ever to settle
 _SHORTEST = 1e-3  # of the largest period: where the grid of the search begins
 _CONDITION = 1e5
 _BEFORE = "hull design"  # in the memory of a question: the entries of S and L found last
@@ -68,7 +68,8 @@ def _at(question: Question, searched: Search) -> tuple[Gain, SamplingLaw] | None
         maps = None if pair is None else held_maps(searched.A, -pair[1] @ searched.C, periods)
         if pair is None or maps is None:
             return -np.inf
-        majorant = np.max((np.abs(pair[0] @ maps @ np.linalg.inv(pair[0])) - np.eye(n)) / periods[:, None, None], axis=0)
+        moduli = np.abs(pair[0] @ maps @ np.linalg.inv(pair[0]))
+        majorant = np.max((moduli - np.eye(n)) / periods[:, None, None], axis=0)
         return -float(np.linalg.eigvals(majorant).real.max())
 
     fresh = sorted(_starts(searched, high, effort), key=value, reverse=True)[: 1 + (4 if n <= 2 else 1) * effort]

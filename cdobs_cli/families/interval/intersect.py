@@ -62,7 +62,9 @@ def _combination(row: Matrix, C: Matrix) -> Matrix | None:
     return G if all(value == 0 for value in rest.tolist()[0]) else None
 
 
-def intersected_width(z: Coordinates, rows: dict[int, Matrix], w: Matrix, c: Matrix, noise: Matrix, high: Fraction) -> Matrix:
+def intersected_width(
+    z: Coordinates, rows: dict[int, Matrix], w: Matrix, c: Matrix, noise: Matrix, high: Fraction
+) -> Matrix:  # fmt: skip
     """An upper bound of the final width of z when rows of z are intersected at samples, at all times.
 
     Starts from a valid bound w (the final width without intersection) and improves it in turn: measured rows
@@ -85,7 +87,8 @@ def intersected_width(z: Coordinates, rows: dict[int, Matrix], w: Matrix, c: Mat
         better = lower_of(bound, column(peak[i, 0] if i in rows else bound[i, 0] for i in range(n)))
         settled = _settled(flow, held, c, start, better, others) if others else None
         if settled is not None:
-            better = lower_of(better, column(settled[others.index(i), 0] if i in others else better[i, 0] for i in range(n)))
+            rest = dict(zip(others, entries(settled), strict=True))
+            better = lower_of(better, column(rest.get(i, better[i, 0]) for i in range(n)))
         is_done = all(new >= old * arb("0.999999") for new, old in zip(entries(better), entries(bound), strict=True))
         bound = better
         if is_done:

@@ -75,12 +75,13 @@ class Lmi15(Part):
         """
         z, tau = System.of(question).z, self.law.T_max.ball() * 2 / arb.pi()
         unknowns = zip(paper_flow(z.Q0, z.Q1), self.P, self.W, strict=True)
-        return Proof.of(all(_solves(Phi_0, z.Q1, symmetrised(P.balls()), symmetrised(W.balls()), tau) for Phi_0, P, W in unknowns))
+        return Proof.of(all(_solves(Phi_0, z.Q1, P.balls(), W.balls(), tau) for Phi_0, P, W in unknowns))
 
 
 def _solves(Phi_0: Matrix, Q1: Matrix, P: Matrix, W: Matrix, tau: arb) -> bool:
     if P.shape != Phi_0.shape or W.shape != Phi_0.shape:
         return False
+    P, W = symmetrised(P), symmetrised(W)
     return all(has_positive_pivots(M) for M in (P, W, -lmi_15(Phi_0, Q1, P, W, tau)))
 
 
@@ -99,7 +100,9 @@ def _solution(Phi_0: Array, Q1: Array, tau: float) -> tuple[ExactMatrix, ExactMa
     program.require(lambda x: x["W"])
     program.equate(lambda x: np.trace(x["P"]) - 1)
     values = largest_margin(program)
-    return None if values is None else (ExactMatrix.from_floats(values["P"], DIGITS), ExactMatrix.from_floats(values["W"], DIGITS))
+    if values is None:
+        return None
+    return ExactMatrix.from_floats(values["P"], DIGITS), ExactMatrix.from_floats(values["W"], DIGITS)
 
 
 def lmi_15_limit(z: Coordinates) -> arb | None:

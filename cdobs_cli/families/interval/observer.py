@@ -58,7 +58,8 @@ def interval_observer(plant: Plant, design: Design, *, intersect: bool) -> Obser
         flow=(*(P @ low - N @ up + known + g_low), *(P @ up - N @ low + known + g_up), *still),
         jump=(
             *at_low, *at_up,
-            *(P1 @ at_low - N1 @ at_up + numbers(z.SL) @ y + delta_low), *(P1 @ at_up - N1 @ at_low + numbers(z.SL) @ y + delta_up),
+            *(P1 @ at_low - N1 @ at_up + numbers(z.SL) @ y + delta_low),
+            *(P1 @ at_up - N1 @ at_low + numbers(z.SL) @ y + delta_up),
         ),
         estimates={"x_lower": tuple(x_lower), "x_upper": tuple(x_upper)},
         control=_control(plant, design, low, up),
@@ -88,7 +89,8 @@ def hull_observer(plant: Plant, design: Design) -> Observer:
             *(moduli(E) @ d_rad), *(moduli(S @ E) @ d_rad), *(A @ E).flat, *(A @ H + L).flat,
         ),
         jump=(
-            *c, *(L @ (y - C @ c - v_mid)), *(moduli(S @ FR) @ rho + in_z + moduli(S @ H) @ v_rad), *nothing, *nothing, *start,
+            *c, *(L @ (y - C @ c - v_mid)), *(moduli(S @ FR) @ rho + in_z + moduli(S @ H) @ v_rad),
+            *nothing, *nothing, *start,
         ),
         estimates={"x_lower": tuple(c - spread), "x_upper": tuple(c + spread)},
         control=_control(plant, design, S @ c - rho, S @ c + rho),
@@ -173,7 +175,8 @@ def _zeros(count: int) -> Equations:
 
 def _box(plant: Plant) -> tuple[Equations, Equations]:
     """The ends of the box of x(0)."""
-    return _array(Variable(f"lower.{name}") for name in plant.states), _array(Variable(f"upper.{name}") for name in plant.states)
+    lower, upper = (_array(Variable(f"{end}.{name}") for name in plant.states) for end in ("lower", "upper"))
+    return lower, upper
 
 
 def _ends(box: Box | None, size: int) -> tuple[Equations, Equations]:

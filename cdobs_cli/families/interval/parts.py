@@ -25,7 +25,7 @@ def positive_part(A: M) -> M:
 
     Source: Efimov2016, (1)
     """
-    return _each(A, lambda value: arb.max(value, arb(0)) if isinstance(value, arb) else max(value, 0), lambda floats: np.maximum(floats, 0))
+    return _each(A, lambda value: arb.max(value, arb(0)) if isinstance(value, arb) else max(value, 0), _above_0)
 
 
 def negative_part(A: M) -> M:
@@ -112,6 +112,10 @@ def highest(columns: Iterable[Matrix]) -> Matrix:
     """Entry by entry an upper bound of the largest of some columns."""
     highest = [[value.upper() for value in entries(one)] for one in columns]
     return column(reduce(arb.max, row) for row in zip(*highest, strict=True))
+
+
+def _above_0(floats: Array) -> Array:
+    return np.maximum(floats, 0.0)
 
 
 def _each(A: M, entry: Callable[[Any], Any], floats: Callable[[Any], Any]) -> M:

@@ -70,8 +70,9 @@ def positivity_limit(M: Matrix, N1: Matrix, effort: int = 1) -> PositivityLimit:
     """
     limits = [_column_limit(M, N1, j, effort) for j in range(M.shape[0]) if not arb(N1[j, j]) >= 0]
     proved = min((limit.proved for limit in limits if limit.proved is not None), default=None)
-    first = min((limit for limit in limits if limit.refuted is not None), key=lambda limit: limit.refuted or 0, default=None)
-    return PositivityLimit(proved, None, None) if first is None else PositivityLimit(proved, first.refuted, first.column)
+    refuted = [limit for limit in limits if limit.refuted is not None]
+    first = min(refuted, key=lambda limit: limit.refuted or 0, default=PositivityLimit(None, None))
+    return PositivityLimit(proved, first.refuted, first.column)
 
 
 @dataclass(frozen=True)

@@ -20,10 +20,12 @@ def problems(family: Interval, plant: Plant, simulation: SimulationPlan | None) 
     found: list[Problem] = []
     n, p, m = plant.n, plant.p, len(plant.inputs)
     if n > MAX_STATES:
-        found.append(Problem(("plant", "states"), "this observer is built for small plants", f"{n} states", f"at most {MAX_STATES}"))
+        why = "this observer is built for small plants"
+        found.append(Problem(("plant", "states"), why, f"{n} states", f"at most {MAX_STATES}"))
     if plant.sampling.is_updated:
-        why, allowed = "this observer does not choose its sampling instants", "{period: ..} or {min_period: .., max_period: ..}"
-        found.append(Problem(("measurement", "sampling", "updated"), why, allowed=allowed, hint="family updated_sampling does"))
+        why, hint = "this observer does not choose its sampling instants", "family updated_sampling does"
+        allowed = "{period: ..} or {min_period: .., max_period: ..}"
+        found.append(Problem(("measurement", "sampling", "updated"), why, allowed=allowed, hint=hint))
     for i, phi in enumerate(plant.phi):
         if phi.variables & set(plant.states):
             why = "this observer is for linear plants: phi may use the inputs only"
@@ -34,7 +36,8 @@ def problems(family: Interval, plant: Plant, simulation: SimulationPlan | None) 
         found += _shape(("observer", "gain", "L"), family.gain.L, (n, p), "one row per state, one column per output")
     if family.feedback != "none":
         if plant.B is None or m == 0:
-            found.append(Problem(("observer", "feedback"), "feedback needs plant.inputs and plant.B", hint="or feedback: none"))
+            why = "feedback needs plant.inputs and plant.B"
+            found.append(Problem(("observer", "feedback"), why, hint="or feedback: none"))
         elif family.feedback != "design":
             for name in ("K_lower", "K_upper"):
                 K: ExactMatrix = getattr(family.feedback, name)
@@ -48,4 +51,5 @@ def problems(family: Interval, plant: Plant, simulation: SimulationPlan | None) 
 def _shape(field: tuple[str, ...], matrix: ExactMatrix, wanted: tuple[int, int], why: str) -> list[Problem]:
     if matrix.shape == wanted:
         return []
-    return [Problem(field, f"{field[-1]} has {why}", f"{matrix.shape[0]} x {matrix.shape[1]}", f"{wanted[0]} x {wanted[1]}")]
+    (rows, columns), (height, width) = matrix.shape, wanted
+    return [Problem(field, f"{field[-1]} has {why}", f"{rows} x {columns}", f"{height} x {width}")]

@@ -102,7 +102,8 @@ def _designed(card: Question) -> tuple[Gain, SamplingLaw, dict[str, Any]] | str:
             return f"the longest period found is {law.T_max}, shorter than the {T} asked for"
     elif ordered is None:
         longest = searched.longest_design(0)
-        reached = f"; the longest period reached is about {decimal_text(searched.longest(longest[0]), 3)}" if longest else ""
+        T_reached = decimal_text(searched.longest(longest[0]), 3) if longest else None
+        reached = f"; the longest period reached is about {T_reached}" if longest else ""
         return f"no S and L of this form were found for periods up to {T}{reached}"
     else:
         gain, shape = ordered
@@ -125,7 +126,9 @@ def _proved_at(card: Question, pair: tuple[Shape, Array] | None) -> tuple[Gain, 
         assert pair is not None
         gain = printed(card.plant, pair[0], pair[1] * share)
         question = card.with_gain(gain)
-        if singular(gain["S"]) is None and System.of(question).limit.holds_until(card.law.T_max.ball()) and Hurwitz.propose(question):
+        if singular(gain["S"]) is not None or not System.of(question).limit.holds_until(card.law.T_max.ball()):
+            continue
+        if Hurwitz.propose(question) is not None:
             return gain, pair[0]
     return None
 
@@ -170,7 +173,8 @@ def _ordered_law(question: Question) -> SamplingLaw:
 
 def _longest_law(question: Question) -> SamplingLaw:
     """The law with the longest period proved for given S and L: by positivity, by a cone of errors, or by the hull's
-    contraction. The period in the spec is the least acceptable: a shorter one is no answer, whatever is proved there."""
+    contraction. The period in the spec is the least acceptable: a shorter one is no answer, whatever is proved
+    there."""
     laws, start = [question.law], Cone.above(question)
     if question.card.tighten == "hull":
         hull = Hull.longest(question)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 from flint import arb
 
@@ -16,7 +15,14 @@ from cdobs_cli.families.interval.errors import ErrorSystem
 from cdobs_cli.families.interval.intersect import measured_rows
 from cdobs_cli.families.interval.parts import absolute
 from cdobs_cli.families.interval.positivity import PositivityLimit, positivity_limit
-from cdobs_cli.families.interval.theorems import Coordinates, ObserverLoop, assumption_3, coordinates, observer_loop, width_matrix
+from cdobs_cli.families.interval.theorems import (
+    Coordinates,
+    ObserverLoop,
+    assumption_3,
+    coordinates,
+    observer_loop,
+    width_matrix,
+)
 from cdobs_cli.plant import Box, Plant
 
 
@@ -106,8 +112,8 @@ class System:
     def held_loop(self) -> tuple[Matrix, Matrix]:
         """A and A + B (K_lower + K_upper) S."""
         assert self.plant.B is not None
-        A = self.plant.A.balls()
-        return A, A + self.plant.B.balls() @ (self.gain["K_lower"].balls() + self.gain["K_upper"].balls()) @ self.gain["S"].balls()
+        A, B, (K_lower, K_upper) = self.plant.A.balls(), self.plant.B.balls(), (K.balls() for K in self._K)
+        return A, A + B @ (K_lower + K_upper) @ self.gain["S"].balls()
 
     @cached_property
     def loop(self) -> ObserverLoop:
@@ -134,9 +140,10 @@ def _width(box: Box | None, size: int) -> Matrix:
 
 def singular(S: ExactMatrix) -> str | None:
     """Why S has no inverse; None where it has one."""
-    determinant: Any = S.balls().data.det()
-    if not arb(determinant).contains(0):
+    determinant = arb(S.balls().data.det())
+    if not determinant.contains(0):
         return None
     if S.balls().is_rational:
         return "S is singular (det S = 0), so z = S x does not determine x"
-    return f"S may be singular: det S is only known to be within {float(arb(determinant).rad()):.1g} of {float(arb(determinant).mid()):.1g}"
+    middle, radius = float(determinant.mid()), float(determinant.rad())
+    return f"S may be singular: det S is only known to be within {radius:.1g} of {middle:.1g}"

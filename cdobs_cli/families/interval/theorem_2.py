@@ -81,7 +81,8 @@ class Theorem2(Part):
         limit = gain_limit(system)
         if question.effort == 0 or refute_theorem_2(system.loop, limit) is not None:
             return None
-        return between(lambda period: cls._below(question.at(period), limit), search.short(T / 50, 6), search.short(2 * T, 8), _WIDTH)
+        low, high = search.short(T / 50, 6), search.short(2 * T, 8)
+        return between(lambda period: cls._below(question.at(period), limit), low, high, _WIDTH)
 
     @classmethod
     def _below(cls, question: Question, limit: arb) -> Self | None:
@@ -98,14 +99,15 @@ class Theorem2(Part):
         if not gamma > 0 or any(M.shape != loop.Phi_0.shape for M in balls.values()):
             return Proof.of(False)
         v = SimpleNamespace(**balls | {name: symmetrised(balls[name]) for name in SYMMETRIC})
-        inequalities = (v.P, v.U, theorem_2_functional(v, Tbar), *(-theorem_2_derivative(loop, v, gamma * gamma, Tbar, k) for k in (0, 1)))
-        return Proof.of(all(has_positive_pivots(M) for M in inequalities))
+        corners = (-theorem_2_derivative(loop, v, gamma * gamma, Tbar, corner) for corner in (0, 1))
+        return Proof.of(all(has_positive_pivots(M) for M in (v.P, v.U, theorem_2_functional(v, Tbar), *corners)))
 
 
 def _least_gain(loop: ObserverLoop, T: float) -> tuple[float, dict[str, ExactMatrix]] | None:
     """gamma and the unknowns of nearly the least gain, by the solver."""
     size = len(loop.Phi_0)
-    program = Program({name: symmetric(size) if name in SYMMETRIC else full(size, size) for name in _NAMES} | {"g": full(1, 1)})
+    unknowns = {name: symmetric(size) if name in SYMMETRIC else full(size, size) for name in _NAMES}
+    program = Program({**unknowns, "g": full(1, 1)})
 
     def derivative(x: Mapping[str, Array], corner: int) -> Array:
         M = theorem_2_derivative(loop, SimpleNamespace(**x), x["g"][0, 0], T, corner)

@@ -30,7 +30,8 @@ def final_widths(a: Analysis, parts: dict[str, Status]) -> None:
     }
     for name, value in rows.items():
         about = "sum over the states" if name == "final_width" else None
-        a.bounds[name] = Bound(upper_text(value), lower_text(value) if exact else None, unit="", method=method, about=about, better="less")
+        refuted = lower_text(value) if exact else None
+        a.bounds[name] = Bound(upper_text(value), refuted, unit="", method=method, about=about, better="less")
 
 
 def ordered_width(a: Analysis) -> Matrix | None:
@@ -62,7 +63,8 @@ def intersect_width(a: Analysis) -> Matrix | None:
     w, system = ordered_width(a), a.system
     if w is None:
         return None
-    x: Matrix = absolute(system.z.R) @ intersected_width(system.z, system.rows, w, system.delta_width, system.widths[1], law_ends(a.law)[1])
+    noise, high = system.widths[1], law_ends(a.law)[1]
+    x: Matrix = absolute(system.z.R) @ intersected_width(system.z, system.rows, w, system.delta_width, noise, high)
     return x
 
 
