@@ -54,7 +54,10 @@ class ConstantGain(Family):
 
     def why_nothing(self, question: Question) -> str:
         """Why a search found no gain."""
-        return f"no gain with a proof was found at T = {question.law.T_max}; more effort, a shorter period or smaller slopes may help"
+        return (
+            f"no gain with a proof was found at T = {question.law.T_max}; more effort, a shorter period or "
+            f"smaller slopes may help"
+        )
 
     def beyond(self, question: Question, own: Sequence[Method]) -> tuple[list[Certificate], dict[str, Any]]:
         """What else a design keeps: certificates of other gains, laws that no gain survives; the report's details."""

@@ -11,10 +11,10 @@ from pathlib import Path
 TESTS = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(TESTS), str(TESTS / "bounds")]
 
-from test_proved_bounds import sampled_violations
-from test_slopes import bioreactor, make_plant
+from test_proved_bounds import sampled_violations  # noqa: E402
+from test_slopes import bioreactor, make_plant  # noqa: E402
 
-from cdobs_cli.bounds.slopes import resolve, slope_claims
+from cdobs_cli.bounds.slopes import resolve, slope_claims  # noqa: E402
 
 
 def timed(name, work):

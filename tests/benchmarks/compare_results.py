@@ -17,7 +17,8 @@ SLACK = 1e-9  # relative: digits beyond a search's own tolerance say nothing
 
 def read(folder: Path) -> dict[str, Any]:
     return {
-        str(path.parent.relative_to(folder)): json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder.rglob("check.json"))
+        str(path.parent.relative_to(folder)): json.loads(path.read_text(encoding="utf-8"))
+        for path in sorted(folder.rglob("check.json"))
     }
 
 
@@ -41,7 +42,8 @@ def differences(before: dict[str, Any], after: dict[str, Any]) -> list[tuple[str
     if before["verdict"] != after["verdict"]:
         rows.append(("verdict", f"{before['verdict']} -> {after['verdict']}", float("-inf")))
     kinds = [
-        next((c["witness"] and c["witness"]["kind"] for c in one["claims"] if c["id"] == "convergence"), None) for one in (before, after)
+        next((c["witness"] and c["witness"]["kind"] for c in one["claims"] if c["id"] == "convergence"), None)
+        for one in (before, after)
     ]
     if kinds[0] != kinds[1]:
         rows.append(("witness", f"{kinds[0]} -> {kinds[1]}", 0.0 if kinds[1] else float("-inf")))
@@ -67,7 +69,10 @@ def main() -> int:
         for what, text, better in differences(before[spec], after[spec]):
             mark = "worse" if better < 0 else "better" if better > 0 else "other"
             worse += better < -5e-4
-            print(f"{mark:6} {spec:45} {what:40} {text}" + (f" ({better:+.2e})" if abs(better) not in (0.0, float("inf")) else ""))
+            print(
+                f"{mark:6} {spec:45} {what:40} {text}"
+                + (f" ({better:+.2e})" if abs(better) not in (0.0, float("inf")) else "")
+            )
     print(f"{len(before)} specs before, {len(after)} after; {worse} worse by more than 0.05 %")
     return 1 if worse else 0
 

@@ -21,7 +21,15 @@ def region(low, high):
 
 @pytest.mark.parametrize(
     "text",
-    ["min(x, 1 - 2*x)", "max(x, 1 - 2*x)", "min(2*x - 1, -x)", "max(3*x, y)", "min(x, y) + max(x, 2*y)", "abs(x - 0.3)", "min(x, 0.25)"],
+    [
+        "min(x, 1 - 2*x)",
+        "max(x, 1 - 2*x)",
+        "min(2*x - 1, -x)",
+        "max(3*x, y)",
+        "min(x, y) + max(x, 2*y)",
+        "abs(x - 0.3)",
+        "min(x, 0.25)",
+    ],
 )
 def test_each_side_of_a_kink_has_its_own_branch(text):
     function = parse(text, frozenset(NAMES))
@@ -34,10 +42,14 @@ def test_each_side_of_a_kink_has_its_own_branch(text):
             point = {"x": fraction_ball(Fraction(i, 8)), "y": fraction_ball(Fraction(j, 8))}
             value = function.ball(point)
             inside = [
-                part for part in parts
-                if all(part.region.box[name].lower <= Fraction(k, 8) <= part.region.box[name].upper for name, k in (("x", i), ("y", j)))
+                part
+                for part in parts
+                if all(
+                    part.region.box[name].lower <= Fraction(k, 8) <= part.region.box[name].upper
+                    for name, k in (("x", i), ("y", j))
+                )
                 and all(w.ball(point) >= 0 for w in part.region.where)
-            ]  # fmt: skip
+            ]
             covered += bool(inside)
             for part in inside:
                 for form in part.forms:
@@ -59,7 +71,9 @@ def test_slopes_across_a_kink(text, low, high):
     found = automatic(slope, region("-2", "2"))
     assert found is not None
     reached = [
-        float(slope.ball({"x": fraction_ball(Fraction(k, 64) + Fraction(1, 1000)), "y": fraction_ball(Fraction(0))}).mid())
+        float(
+            slope.ball({"x": fraction_ball(Fraction(k, 64) + Fraction(1, 1000)), "y": fraction_ball(Fraction(0))}).mid()
+        )
         for k in range(-128, 127)
     ]
     assert float(found[0]) <= min(reached) and float(found[1]) >= max(reached)

@@ -17,7 +17,8 @@ from cdobs_cli.exact.numbers import decimal_text
 
 @dataclass(frozen=True)
 class MaximumNorm(Method):
-    """|e| = max |e_i| grows at most by exp(mu T) between samples and falls by the factor |J| at each; mu >= 0 is stored."""
+    """|e| = max |e_i| grows at most by exp(mu T) between samples and falls by the factor |J| at each; mu >= 0 is
+    stored."""
 
     mu: str
 
@@ -50,7 +51,9 @@ def _rows(M: Matrix) -> arb:
 def _measure(A: Matrix) -> arb:
     """max_i (a_ii + sum_(j != i) |a_ij|), the logarithmic norm."""
     rows: list[list[Any]] = A.tolist()
-    return _most([arb(row[i]) + sum((abs(arb(v)) for j, v in enumerate(row) if j != i), arb(0)) for i, row in enumerate(rows)])
+    return _most(
+        [arb(row[i]) + sum((abs(arb(v)) for j, v in enumerate(row) if j != i), arb(0)) for i, row in enumerate(rows)]
+    )
 
 
 def _most(values: list[arb]) -> arb:

@@ -13,7 +13,9 @@ from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, lower_text, upper_text
 
 
-@pytest.mark.parametrize("text", ["0.1", "-2e-4", "1/3", "sqrt(2)", "1e6", "123456789e10", "2*pi/3", "0", "-7/8", "1e-30"])
+@pytest.mark.parametrize(
+    "text", ["0.1", "-2e-4", "1/3", "sqrt(2)", "1e6", "123456789e10", "2*pi/3", "0", "-7/8", "1e-30"]
+)
 def test_text_reads_back_to_the_same_number(text: str) -> None:
     assert Exact(str(Exact(text))) == Exact(text)
 
