@@ -175,8 +175,16 @@ def test_any_text_is_read_or_refused(text: str) -> None:
 
 
 SAMPLES = [
-    "sin(x)*cos(y)", "x**3 - 2*x*y + 1/(1 + y**2)", "exp(-x**2)/(2 + sin(y))", "tanh(x + y)*sqrt(1 + x**2)", "log(3 + x)*cosh(y)",
-    "monod(1 + x**2, 2)", "contois(1 + x**2, 2 + y, 0.5)", "abs(x)*sat(y, -0.5, 0.7)", "max(x, y) + min(x, 0.2)", "x - (y - x) - (x*(y/3))",
+        "sin(x)*cos(y)",
+        "x**3 - 2*x*y + 1/(1 + y**2)",
+        "exp(-x**2)/(2 + sin(y))",
+        "tanh(x + y)*sqrt(1 + x**2)",
+        "log(3 + x)*cosh(y)",
+        "monod(1 + x**2, 2)",
+        "contois(1 + x**2, 2 + y, 0.5)",
+        "abs(x)*sat(y, -0.5, 0.7)",
+        "max(x, y) + min(x, 0.2)",
+        "x - (y - x) - (x*(y/3))",
     "tan(x/4)",
     "atan2(x, 2 + y)*log10(3 + x)", "asin(x*y)*(2 + y)**1.852", "sinh(x)*(2 + y)**(3/2)", "-(x - y)**2", "x/(y + 3)/2",
 ]  # fmt: skip
