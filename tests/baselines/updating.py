@@ -19,7 +19,7 @@ from cdobs_cli.design import Design
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import parse
 from cdobs_cli.families.updated_sampling import UpdatedSampling
-from cdobs_cli.families.updated_sampling.synthesis import rate_of
+from cdobs_cli.families.updated_sampling.lipschitz import rate_of
 from cdobs_cli.hybrid import HybridSystem, Observer
 from cdobs_cli.plant import Box
 from cdobs_cli.run import SimulationPlan

@@ -10,7 +10,7 @@ from cdobs_cli.bounds.slopes import automatic
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.exact.parser import parse
-from cdobs_cli.plant import Interval
+from cdobs_cli.plant import Box, Interval
 
 NAMES = ("x", "y")
 
@@ -65,3 +65,16 @@ def test_slopes_across_a_kink(text, low, high):
     assert float(found[0]) <= min(reached) and float(found[1]) >= max(reached)
     assert low - 0.05 <= float(found[0]) <= low + 0.05 + abs(low) * 0.02
     assert high - 0.05 - abs(high) * 0.02 <= float(found[1]) <= high + 0.05
+
+
+def test_a_region_over_the_names_of_an_expression_keeps_what_is_said_of_them_alone():
+    names = ("x", "y", "u")
+    where = (parse("1 - x - y", frozenset(names)), parse("2 - x - u", frozenset(names)))
+    whole = Region.made({"x": Interval(Exact(0), Exact(1)), "u": Interval(None, Exact(3))}, names, where)
+    part = whole.over(parse("x*y", frozenset(names)))
+    assert part.names == ("x", "y") and part.where == where[:1] and set(part.ends) == {"x"}
+    beside = part.beside(["d.0"], Box((Exact(-1),), (Exact("1/2"),)))
+    assert beside.names == ("x", "y", "d.0") and beside.where == where[:1]
+    assert beside.holds({"x": Fraction(1), "y": Fraction(0), "d.0": Fraction(1, 2)})
+    assert not beside.holds({"x": Fraction(1), "y": Fraction(0), "d.0": Fraction(51, 100)})
+    assert not beside.holds({"x": Fraction(1), "y": Fraction(1, 2), "d.0": Fraction(0)})

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
 from example_inclusions import aperiodic, canonical, held, impulsive, periodic, plant
 from fifth_family import Copy
 from toy_method import MaximumNorm

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cdobs_cli.exact.compiled import compile_floats
-from cdobs_cli.exact.expression import Expression, ExpressionError, Number, call
+from cdobs_cli.exact.expression import Expression, ExpressionError, Number, call, terms
 from cdobs_cli.exact.functions import BALL_FUNCTIONS
 from cdobs_cli.exact.language import LANGUAGE, Function
 from cdobs_cli.exact.parser import parse
@@ -188,6 +188,18 @@ def test_undefined_is_not_finite() -> None:
 def test_constants_are_balls_not_floats() -> None:
     assert abs(float((parse("pi").ball({}) - arb.pi()).abs_upper())) < 1e-30
     assert float(parse("e**2").ball({}).mid()) == pytest.approx(math.e**2, rel=1e-15)
+
+
+def test_terms_of_a_sum_keep_their_signs_and_their_order() -> None:
+    total = parse("x - (y - 2) - -(x*y)", NAMES)
+    assert [str(term) for term in terms(total)] == ["x", "-y", "2", "x * y"]
+    assert simplify(sum(terms(total), Number(0)) - total) == Number(0)
+
+
+def test_nodes_are_replaced_and_what_is_constant_then_folds() -> None:
+    total = parse("sin(x)*2 + sin(x)", NAMES)
+    assert total.replaced({parse("sin(x)", NAMES): Number(3)}) == Number(9)
+    assert total.replaced({}) == total
 
 
 def test_no_evaluation_of_the_typed_text(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 
 import pytest
-from flint import arb
+from flint import arb, fmpq
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -25,6 +25,12 @@ def test_every_rational_reads_back(value: Fraction) -> None:
 
 def test_signs() -> None:
     assert [Exact(text).sign() for text in ("0", "-1e-300", "sqrt(2)", "1 - sqrt(2)")] == [0, -1, 1, -1]
+
+
+def test_a_scalar_is_the_rational_or_a_ball_round_the_number() -> None:
+    assert Exact("1/3").scalar == fmpq(1, 3)
+    root = Exact("sqrt(2)").scalar
+    assert isinstance(root, arb) and root * root - 2 < arb("1e-30") and (root * root).contains(2)
 
 
 def test_a_number_has_no_variables() -> None:

@@ -8,6 +8,7 @@ from command import Cdobs
 
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify.methods.any_gain import NoGain
+from cdobs_cli.certify.methods.base import read
 from cdobs_cli.certify.methods.rung import GENERAL
 from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ZERO
@@ -17,7 +18,8 @@ from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold
 from cdobs_cli.families.lpv_zoh.printed_claims import _vertices_claim
 from cdobs_cli.families.reachability import Reachability
 from cdobs_cli.families.updated_sampling.lipschitz import rate_claim, typed_rate
-from cdobs_cli.families.updated_sampling.proof import Numbers, prove_prime
+from cdobs_cli.families.updated_sampling.member import asked
+from cdobs_cli.families.updated_sampling.synthesis import THEOREMS
 from cdobs_cli.families.updated_sampling.synthesis import synthesize as updated
 from cdobs_cli.plant import Plant, Slopes
 from cdobs_cli.sampling import SamplingLaw
@@ -103,12 +105,13 @@ def test_updated_sampling_needs_the_signs_that_its_law_takes_for_granted():
         ExactMatrix([[1, 0]]), Slopes(ExactMatrix([[0, 0], [-1, 0]]), ExactMatrix([[0, 0], [1, 0]])),
         SamplingLaw("updated"),
     )  # fmt: skip
-    design = updated(UpdatedSampling.model_validate({"family": "updated_sampling"}), still, 0)
-    certificate = design.certificates[0]
-    numbers = Numbers.of(design.gain)
-    assert prove_prime(numbers, certificate, "triangular").holds
-    for touched in ({"a_3": -1 * numbers.a_3 - 1}, {"alpha": -1 * numbers.alpha}, {"a_2": 0 * numbers.a_2}):
-        assert not prove_prime(replace(numbers, **touched), certificate, "triangular").holds
+    card = UpdatedSampling.model_validate({"family": "updated_sampling"})
+    design = updated(card, still, 0)
+    stored = read(design.certificates[0], THEOREMS)
+    question = asked(card, still, design.gain, 0)
+    assert stored is not None and stored.method.prove(question).holds
+    for name, wrong in (("a3", "-1"), ("alpha", f"-{design.gain['alpha'][0, 0]}"), ("a2", "0")):
+        assert not stored.method.prove(question.with_gain({**design.gain, name: ExactMatrix([[wrong]])})).holds
     without = replace(still, phi=(ZERO, ZERO), slopes=Slopes(NONE, NONE))
     assert rate_claim(without, typed_rate(without, Exact("0").expression), "triangular").status == "proved"
     assert rate_claim(without, typed_rate(without, Exact("-1").expression), "triangular").status != "proved"

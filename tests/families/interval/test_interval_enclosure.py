@@ -10,7 +10,7 @@ from cdobs_cli.certify.falsify import exponentials
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import parse
 from cdobs_cli.families.interval import Feedback, Gain, Interval
-from cdobs_cli.families.interval.theorems import error_flow, error_held
+from cdobs_cli.families.interval.theorems import error_flow
 from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.run import SimulationPlan
 from cdobs_cli.sampling import SamplingLaw
@@ -69,7 +69,7 @@ class Stepper:
         self.A, self.C, self.S, self.L = A, C, S, L
         self.R = np.linalg.inv(S)
         Q0, Q1 = S @ A @ self.R, -S @ L @ C @ self.R
-        self.M, self.N1 = error_flow(Q0), error_held(Q1)
+        self.M, self.N1 = error_flow(Q0), error_flow(Q1)
         self.d_box, self.v_box = d_box, v_box
 
     @staticmethod

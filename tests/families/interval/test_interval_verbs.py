@@ -101,6 +101,7 @@ def test_printed_feedback_of_the_scalar():
     family = Interval(gain=Gain(S=[[1]], L=[["1.4"]]), feedback=Feedback(K_lower=[[-3]], K_upper=[[-3]]))
     _, check = made(family, scalar(up_to("0.35")))
     assert check.verdict == "refuted" and status(check, "positivity") == status(check, "boundedness") == "proved"
+    assert "refuted" not in check.claim("convergence").statement  # its status says so
     witness = check.claim("convergence").witness
     assert witness.times == ("0.35",) and abs(float(witness.multiplier) - 1.0953) < 5e-5
     assert abs(float(check.bounds["theorem_2_period_max"].proved) - 0.1934) < 5e-4

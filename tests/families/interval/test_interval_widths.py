@@ -6,17 +6,17 @@ from math import exp
 
 import numpy as np
 import pytest
-from interval_plants import PENDULUM_L, PENDULUM_S, box, pendulum, plant, scalar, up_to
+from interval_plants import PENDULUM_L, PENDULUM_S, box, pendulum, plant, question, scalar, up_to
 from replayed import Bounds, split
 from scipy.linalg import expm
 
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.interval import Feedback, Gain, Interval
-from cdobs_cli.families.interval.analysis import Analysis, declared_widths
-from cdobs_cli.families.interval.hull import prove_hull
+from cdobs_cli.families.interval.analysis import Analysis
+from cdobs_cli.families.interval.hull import Hull
+from cdobs_cli.families.interval.hurwitz import refute_width, width_contracts, width_growth
 from cdobs_cli.families.interval.intersect import intersected_width
-from cdobs_cli.families.interval.sampled_width import refute_width, width_contracts, width_growth
 from cdobs_cli.families.interval.theorems import Coordinates, width_matrix
 from cdobs_cli.families.interval.widths import comparison, plain_width
 from cdobs_cli.sampling import SamplingLaw
@@ -63,7 +63,7 @@ def test_a_hurwitz_matrix_alone_gives_no_width_beyond_the_orthant():
     family = Interval(gain=Gain(S=[[1]], L=[["6"]]))
     a = Analysis(family, at, family.synthesize(at, 0), 0)
     assert a.hurwitz_rate is not None and not a.ordered
-    assert plain_width(a, *declared_widths(at)) is None
+    assert plain_width(a) is None
     assert set(comparison(a)) <= {"hull"}
 
 
@@ -77,9 +77,9 @@ def test_contraction_of_the_width_is_that_of_its_multiplier(L, T, contracts):
     multiplier = exp(float(T)) - float(L) * (exp(float(T)) - 1)
     assert (abs(multiplier) < 1) == contracts
     one = ExactMatrix([[1]]).balls()
-    assert width_contracts(a.z.Q0, a.Mtot, one, at.sampling) == contracts
-    assert (refute_width(a.z, a.Mtot, at.sampling) is not None) == (not contracts)
-    assert not width_contracts(a.z.Q0, a.Mtot, -one, at.sampling)
+    assert width_contracts(a.system, one, at.sampling) == contracts
+    assert (refute_width(a.system, at.sampling) is not None) == (not contracts)
+    assert not width_contracts(a.system, -one, at.sampling)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -93,14 +93,14 @@ def test_contraction_of_random_widths(seed):
     family = Interval(gain=Gain(S=[[1, 0], [0, 1]], L=text(L)))
     a = Analysis(family, at, family.synthesize(at, 0), 0)
     w = np.array([1.0, rng.uniform(0.3, 3)])
-    P, N = split(a.z.Q0.floats)
-    H = sum(split(a.z.Q1.floats))
+    P, N = split(a.system.z.Q0.floats)
+    H = sum(split(a.system.z.Q1.floats))
     largest = -np.inf
     for s in np.linspace(1e-3, 1, 60) * T:
         both = expm(np.block([[P + N, np.eye(2)], [np.zeros((2, 4))]]) * s)
         largest = max(largest, ((np.abs(both[:2, :2] + both[:2, 2:] @ H) @ w / w - 1) / s).max())
     if abs(largest) > 0.02:
-        proved = width_contracts(a.z.Q0, a.Mtot, ExactMatrix([["1"], [f"{w[1]:.15f}"]]).balls(), at.sampling)
+        proved = width_contracts(a.system, ExactMatrix([["1"], [f"{w[1]:.15f}"]]).balls(), at.sampling)
         assert proved == (largest < 0)
 
 
@@ -108,7 +108,7 @@ def test_the_map_of_the_width_takes_couplings_by_their_size():
     Q0, Q1, s = np.array([[-1.0, -2.0], [0.5, 0.3]]), np.array([[-1.0, 0.0], [0.4, 0.0]]), 0.7
     F = np.array([[-1.0, 2.0], [0.5, 0.3]])
     both = expm(np.block([[F, np.eye(2)], [np.zeros((2, 4))]]) * s)
-    Phi = width_growth(
+    Phi, _ = width_growth(
         Matrix.from_floats(Q0), width_matrix(Matrix.from_floats(Q0), Matrix.from_floats(Q1)), Matrix.from_floats([[s]]).balls()[0, 0]
     )
     assert np.allclose(np.eye(2) + s * Phi.floats, both[:2, :2] + both[:2, 2:] @ Q1)
@@ -125,7 +125,7 @@ def test_a_width_whose_boxes_span_no_direction_is_not_refuted():
     at = plant([["-1", "0"], ["0", "-1"]], [["1", "0"]], periodic("1"))
     family = Interval(gain=Gain(S=[[1, 1], [1, -1]], L=[["10"], ["0"]]))
     a = Analysis(family, at, family.synthesize(at, 0), 0)
-    assert refute_width(a.z, a.Mtot, at.sampling) is None
+    assert refute_width(a.system, at.sampling) is None
 
 
 def test_beyond_the_orthant_the_cone_settles_at_the_same_width():
@@ -266,9 +266,9 @@ def test_a_hull_frontier_of_another_law_is_not_read():
     family = Interval(gain=Gain(S=[[1]], L=[["1.4"]]), tighten="hull")
     design = family.synthesize(at, 0)
     bound = family.certify(at, design, 0).bounds["period_max"]
-    moved = tuple(replace(c, sampling=periodic("1.5")) if c.method == "hull_frontier" else c for c in design.certificates)
-    one = ExactMatrix([[1]]).balls()
-    assert prove_hull(at.A.balls(), at.C.balls(), one, one, design.gain["L"].balls(), one, periodic("1.5"))
+    moved = tuple(replace(c, sampling=periodic("1.5")) if c.sampling != at.sampling else c for c in design.certificates)
+    hull = Hull(periodic("1.5"), ExactMatrix([[1]]))
+    assert hull.certificate() in moved and hull.prove(question(at, design.gain, tighten="hull")).holds
     other = family.certify(at, replace(design, certificates=moved), 0).bounds["period_max"]
     assert float(bound.proved) > 0.5 and float(other.proved) == pytest.approx(0.35)
 
@@ -278,4 +278,4 @@ def test_the_width_matrix_is_what_the_fixed_point_solves():
     at = pendulum(up_to("0.1"))
     family = Interval(gain=PRINTED)
     a = Analysis(family, at, family.synthesize(at, 0), 0)
-    assert np.allclose(width_matrix(a.z.Q0, a.z.Q1).floats, [[-3, 2**0.5], [2**0.5, -1]])
+    assert np.allclose(width_matrix(a.system.z.Q0, a.system.z.Q1).floats, [[-3, 2**0.5], [2**0.5, -1]])
