@@ -8,8 +8,7 @@ import time
 from functools import partial
 from pathlib import Path
 
-TESTS = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(TESTS), str(TESTS / "bounds")]
+sys.path.extend(str(Path(__file__).resolve().parents[1] / room) for room in ("", "bounds"))
 
 from test_proved_bounds import sampled_violations  # noqa: E402
 from test_slopes import bioreactor, make_plant  # noqa: E402
