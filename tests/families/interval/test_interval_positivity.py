@@ -26,7 +26,8 @@ def bracket_holds(found, value, relative=1e-6):
 
 
 @pytest.mark.parametrize(
-    ("a0", "a1"), [("1", "1.4"), ("1", "4"), ("0", "1.5"), ("-1", "1.5"), ("-0.001", "3"), ("1e-6", "2e-6"), ("1e6", "1.5e6")]
+    ("a0", "a1"),
+    [("1", "1.4"), ("1", "4"), ("0", "1.5"), ("-1", "1.5"), ("-0.001", "3"), ("1e-6", "2e-6"), ("1e6", "1.5e6")],
 )
 def test_scalar_limit_is_the_closed_form(a0, a1):
     found = limit(exact([[a0]], [[1]], [[1]], [[a1]]))
@@ -52,7 +53,8 @@ def test_pendulum_of_the_paper():
     found = limit(z)
     assert found.proved is not None and found.refuted is not None
     assert abs(float(found.proved) / 0.2879178 - 1) < 1e-6 and abs(float(found.refuted) / 0.2879178 - 1) < 1e-6
-    assert found.holds_until(fraction_ball(Fraction("0.2879178"))) and found.fails_before(fraction_ball(Fraction("0.2879179")))
+    assert found.holds_until(fraction_ball(Fraction("0.2879178")))
+    assert found.fails_before(fraction_ball(Fraction("0.2879179")))
     _, printed = theorem_1_positivity(z.Q0, z.Q1)
     assert abs(float(printed) - 0.101285) < 5e-7
     assert assumption_3(z.Q1) == ()
