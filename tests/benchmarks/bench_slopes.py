@@ -10,10 +10,10 @@ from pathlib import Path
 
 sys.path.extend(str(Path(__file__).resolve().parents[1] / room) for room in ("", "bounds"))
 
-from test_proved_bounds import sampled_violations  # noqa: E402
-from test_slopes import bioreactor, make_plant  # noqa: E402
+from test_proved_bounds import sampled_violations
+from test_slopes import bioreactor, make_plant
 
-from cdobs_cli.bounds.slopes import resolve, slope_claims  # noqa: E402
+from cdobs_cli.bounds.slopes import resolve, slope_claims
 
 
 def timed(name, work):

@@ -51,9 +51,8 @@ def test_a_cone_proves_what_the_orthant_does_not():
     assert "e1 <= 2.5352 e2" in check.claim("positivity").statement
     assert check.claim("boundedness").status == "proved" and "cone" in check.claim("boundedness").method
     orthant, reached = check.bounds["positivity_period_max.orthant"], check.bounds["positivity_period_max"]
-    assert (
-        float(orthant.proved) < 0.5 < float(orthant.refuted) and float(orthant.refuted) - float(orthant.proved) < 1e-6
-    )
+    assert float(orthant.proved) < 0.5 < float(orthant.refuted)
+    assert float(orthant.refuted) - float(orthant.proved) < 1e-6
     assert float(reached.proved) < longest_for_boxes() < float(reached.refuted)
     assert float(reached.refuted) - float(reached.proved) < 3e-5
     assert check.bounds["period_max"].proved == reached.proved and check.bounds["period_max"].refuted == reached.refuted
@@ -65,9 +64,7 @@ def test_beyond_the_cone_a_box_and_a_word_refute(law):
     _, check = checked(lagging(law))
     witness = check.claim("convergence").witness
     assert check.verdict == "refuted" and witness.kind == "box" and witness.times == ("0.96",)
-    found = replay(
-        Bounds(ExactMatrix(A).floats, ExactMatrix(C).floats, ExactMatrix(S).floats, ExactMatrix(L).floats), witness
-    )
+    found = replay(Bounds(*(ExactMatrix(M).floats for M in (A, C, S, L))), witness)
     assert found < 0 and abs(found - float(witness.data["distance"])) < 1e-9
 
 
@@ -90,8 +87,7 @@ def test_the_pendulum_of_the_paper_lasts_longer_from_boxes_of_x():
 
 
 def test_noise_alone_leaves_the_cone():
-    """Its share of e1 comes without any of e2: two samples of opposite noise cross a bound from a state known
-    exactly."""
+    """Its share of e1 comes without any of e2: two samples of opposite noise cross a bound from a known state."""
     at = lagging(up_to("0.7"), noise=box(["-0.1"], ["0.1"]))
     _, check = checked(at)
     witness = check.claim("positivity").witness
@@ -126,9 +122,8 @@ def analysis(at, cone=None, tighten="none", gain=GAIN):
     design = family.synthesize(at, 0)
     stored = [c for c in design.certificates if c.method == "cone" and c.sampling == at.sampling]
     kept = [replace(cone, law=at.sampling).certificate()] if cone is not None and stored else stored
-    return Analysis(
-        family, at, replace(design, certificates=(*[c for c in design.certificates if c.method == "hurwitz"], *kept)), 0
-    )
+    hurwitz = [c for c in design.certificates if c.method == "hurwitz"]
+    return Analysis(family, at, replace(design, certificates=(*hurwitz, *kept)), 0)
 
 
 def rows(*entries, law=None, unit=("0.775", "1", "0.775", "1"), omega=None):
@@ -176,8 +171,7 @@ def test_a_cone_of_another_law_is_not_believed():
 
 
 def test_between_samples_the_orthant_counts_also_where_no_sample_may_come():
-    """e1 = 1 - 8 s + 0.75 (exp(2 s) - 1) is positive again at T = 2: the cone e1 <= e2 is kept from sample to
-    sample."""
+    """e1 = 1 - 8 s + 0.75 (exp(2 s) - 1) is positive again at T = 2: samples keep the cone e1 <= e2."""
     at = plant([["1.5", "1.5"], ["0.5", "0.5"]], C, SamplingLaw.periodic(Exact("2")))
     gain = Gain(S=S, L=[["8"], ["-8"]])
     _, check = checked(at, gain)
@@ -227,9 +221,8 @@ def test_what_a_longer_cone_says_of_the_period_is_what_is_proved_of_it():
     def with_frontier(law, **changes):
         own = [c for c in design.certificates if c.method != "cone" or c.sampling == at.sampling]
         kept = next(c for c in design.certificates if c not in own)
-        return replace(
-            design, certificates=(*own, replace(kept, sampling=law or kept.sampling, data=kept.data | changes))
-        )
+        changed = replace(kept, sampling=law or kept.sampling, data=kept.data | changes)
+        return replace(design, certificates=(*own, changed))
 
     loose = Analysis(family, at, with_frontier(None, unit=None, omega=None), 0)
     assert len(loose.enclosed_by_cones()) == 2 and loose.enclosed_by_cones(bounded=True) == [Exact("0.7")]
@@ -333,9 +326,8 @@ def test_random_plants_keep_what_is_proved_and_lose_what_is_refuted(seed):
         claim = check.claim("positivity")
         bounds = Bounds(a, c, s, ell, d_box, v_box)
         if claim.status == "refuted":
-            size = max(
-                abs(float(Exact(text))) for text in (*claim.witness.data["lower"], *claim.witness.data["upper"], "1")
-            )
+            data = claim.witness.data
+            size = max(abs(float(Exact(text))) for text in (*data["lower"], *data["upper"], "1"))
             assert replay(bounds, claim.witness) < 0
             assert abs(replay(bounds, claim.witness) - float(claim.witness.data["distance"])) < 1e-8 * size
         if claim.status == "proved":
@@ -366,9 +358,8 @@ def test_a_crossing_of_another_law_or_outside_its_box_is_no_witness():
     at = lagging(up_to("0.96"))
     plain = System(at, {"S": ExactMatrix(S), "L": ExactMatrix(L)})
     nothing, zero = ((False, False),) * 2, (Fraction(0), Fraction(0))
-    good = Crossing(
-        (Fraction(0), Fraction(-1)), zero, zero, (Exact("0.96"),), Exact("0.96"), nothing, ((False,),) * 2, 0
-    )
+    T, low_v = Exact("0.96"), ((False,),) * 2
+    good = Crossing((Fraction(0), Fraction(-1)), zero, zero, (T,), T, nothing, low_v, 0)
     assert refutes(plain, good, at.sampling) is not None
     for law in (up_to("0.95"), up_to("2", "0.97"), SamplingLaw.periodic(Exact("1"))):
         assert refutes(plain, good, law) is None

@@ -53,9 +53,8 @@ def test_pendulum_of_the_paper():
     found = limit(z)
     assert found.proved is not None and found.refuted is not None
     assert abs(float(found.proved) / 0.2879178 - 1) < 1e-6 and abs(float(found.refuted) / 0.2879178 - 1) < 1e-6
-    assert found.holds_until(fraction_ball(Fraction("0.2879178"))) and found.fails_before(
-        fraction_ball(Fraction("0.2879179"))
-    )
+    assert found.holds_until(fraction_ball(Fraction("0.2879178")))
+    assert found.fails_before(fraction_ball(Fraction("0.2879179")))
     _, printed = theorem_1_positivity(z.Q0, z.Q1)
     assert abs(float(printed) - 0.101285) < 5e-7
     assert assumption_3(z.Q1) == ()

@@ -78,8 +78,7 @@ def test_a_shrunk_certificate_of_lmi_15_is_not_proved():
 
 
 def test_lmi_15_as_one_matrix_of_the_paper():
-    """An independent transcription: with the paper's full Phi_0, Phi_1 and block diagonal P, W in sum and
-    difference."""
+    """An independent transcription: the paper's full Phi_0, Phi_1 and block diagonal P, W in sum and difference."""
     f, found = floats(*PENDULUM), Lmi15.propose(asked(*PENDULUM, T="0.1"))
     assert found is not None
     s, d = 0.5 * np.ones((2, 2)), 0.5 * np.array([[1, -1], [-1, 1]])
@@ -89,13 +88,8 @@ def test_lmi_15_as_one_matrix_of_the_paper():
     up[1, 1], down[1, 1] = f.Q0[1, 1], 0
     Phi_0, Phi_1 = np.block([[up, -down], [-down, up]]), np.kron(np.eye(2), f.Q1)
     F, tau = Phi_0 + Phi_1, 2 * 0.1 / pi
-    full = np.block(
-        [
-            [P @ F + F.T @ P, tau * P @ Phi_1, F.T @ W],
-            [tau * Phi_1.T @ P, -W, tau * Phi_1.T @ W],
-            [W @ F, tau * W @ Phi_1, -W],
-        ]
-    )
+    first, second = [P @ F + F.T @ P, tau * P @ Phi_1, F.T @ W], [tau * Phi_1.T @ P, -W, tau * Phi_1.T @ W]
+    full = np.block([first, second, [W @ F, tau * W @ Phi_1, -W]])
     assert np.linalg.eigvalsh(full).max() < 0 and np.linalg.eigvalsh(P).min() > 0
     assert np.allclose(lmi_15(Phi_0, Phi_1, P, W, tau), full)
 
@@ -171,9 +165,8 @@ def test_printed_feedback_of_the_scalar_loses_stability_at_log_1_4(T, stable):
     assert (float(T) < log(1.4)) == stable
     if witness is not None and T == "0.35":
         assert witness.about == "class"  # of no uncertain slopes: the plant alone
-        assert (
-            abs(float(witness.multiplier) - 1.0953) < 5e-5 and abs(float(witness.data["eigenvalue"][0]) + 1.0953) < 5e-5
-        )
+        assert abs(float(witness.multiplier) - 1.0953) < 5e-5
+        assert abs(float(witness.data["eigenvalue"][0]) + 1.0953) < 5e-5
 
 
 def test_printed_feedback_of_the_pendulum_is_separated():
@@ -192,10 +185,8 @@ def test_values_and_slopes_over_an_interval_hold_every_point_of_it():
         for share in (0, Fraction(1, 3), 1):
             s = Fraction(1, 5) + share * Fraction(3, 10)
             Phi, slope = growth_and_slope(A, closed, fraction_ball(s))
-            difference = (
-                growth(A, closed, fraction_ball(s + h)) - growth(A, closed, fraction_ball(s - h))
-            ).floats / float(2 * h)
-            assert np.allclose(slope.floats, difference, rtol=1e-6, atol=1e-6)
+            below, above = (growth(A, closed, fraction_ball(s + step)).floats for step in (-h, h))
+            assert np.allclose(slope.floats, (above - below) / float(2 * h), rtol=1e-6, atol=1e-6)
             assert np.allclose(Phi.floats, growth(A, closed, fraction_ball(s)).floats)
             inside = V.T @ decrease(P, Phi, fraction_ball(s)) @ V
             assert all(over[i, j].contains(inside[i, j]) for i in range(n) for j in range(n))
@@ -242,13 +233,7 @@ def test_feedback_matrices_agree_with_the_width_and_midpoint():
 
 @pytest.mark.parametrize(
     ("Mtot", "w_star"),
-    [
-        ([[1]], [[1]]),
-        ([[-1, 0], [0, 1]], [[1], [-1]]),
-        ([[-1, 0], [0, 1]], [[1], [0]]),
-        ([[-1, 0], [0, 1]], [[1], [1]]),
-        ([[-1]], [[-1]]),
-    ],
+    [([[1]], [[1]]), ([[-1]], [[-1]]), *(([[-1, 0], [0, 1]], [[1], [second]]) for second in (-1, 0, 1))],
 )
 def test_what_is_no_witness_of_a_hurwitz_matrix_proves_nothing(Mtot, w_star):
     assert prove_hurwitz(Matrix.from_rows(Mtot), Matrix.from_rows(w_star)) is None

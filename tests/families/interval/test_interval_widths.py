@@ -17,6 +17,7 @@ from cdobs_cli.families.interval.analysis import Analysis
 from cdobs_cli.families.interval.hull import Hull
 from cdobs_cli.families.interval.hurwitz import refute_width, width_contracts, width_growth
 from cdobs_cli.families.interval.intersect import intersected_width
+from cdobs_cli.families.interval.system import System
 from cdobs_cli.families.interval.theorems import Coordinates, width_matrix
 from cdobs_cli.families.interval.widths import comparison, plain_width
 from cdobs_cli.sampling import SamplingLaw
@@ -83,6 +84,15 @@ def test_contraction_of_the_width_is_that_of_its_multiplier(L, T, contracts):
     assert not width_contracts(a.system, -one, at.sampling)
 
 
+@pytest.mark.parametrize(("longest", "contracts"), [("0.33", True), ("0.34", False), ("0.4", False)])
+def test_what_contracts_in_the_middle_of_a_law_has_to_at_its_end(longest, contracts):
+    """exp(T) - 6 (exp(T) - 1) = -1 at T = log(1.4): for the width and for the radius of the hull predictor."""
+    at, one = scalar(up_to(longest, "0.1")), ExactMatrix([[1]])
+    asked = question(at, {"S": one, "L": ExactMatrix([["6"]])})
+    assert width_contracts(System.of(asked), one.balls(), at.sampling) == contracts
+    assert Hull(at.sampling, one).prove(asked).holds == contracts
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_contraction_of_random_widths(seed):
     """Against |E_w| on a grid of periods: proved only if no period of the law grows w*."""
@@ -109,22 +119,16 @@ def test_the_map_of_the_width_takes_couplings_by_their_size():
     Q0, Q1, s = np.array([[-1.0, -2.0], [0.5, 0.3]]), np.array([[-1.0, 0.0], [0.4, 0.0]]), 0.7
     F = np.array([[-1.0, 2.0], [0.5, 0.3]])
     both = expm(np.block([[F, np.eye(2)], [np.zeros((2, 4))]]) * s)
-    Phi, _ = width_growth(
-        Matrix.from_floats(Q0),
-        width_matrix(Matrix.from_floats(Q0), Matrix.from_floats(Q1)),
-        Matrix.from_floats([[s]]).balls()[0, 0],
-    )
+    exact_Q0, exact_Q1 = Matrix.from_floats(Q0), Matrix.from_floats(Q1)
+    Phi, _ = width_growth(exact_Q0, width_matrix(exact_Q0, exact_Q1), Matrix.from_floats([[s]]).balls()[0, 0])
     assert np.allclose(np.eye(2) + s * Phi.floats, both[:2, :2] + both[:2, 2:] @ Q1)
 
 
 def test_with_the_hull_predictor_no_run_of_other_bounds_is_told():
     check = checked(scalar(periodic("1.5")), Gain(S=[[1]], L=[["1.4"]]), tighten="hull")
     claim = check.claim("positivity")
-    assert (
-        claim.status == "undecided"
-        and claim.witness is None
-        and claim.statement.startswith("without the hull predictor")
-    )
+    assert claim.status == "undecided" and claim.witness is None
+    assert claim.statement.startswith("without the hull predictor")
 
 
 def test_a_width_whose_boxes_span_no_direction_is_not_refuted():
@@ -141,22 +145,17 @@ def test_beyond_the_orthant_the_cone_settles_at_the_same_width():
     assert check.verdict == "proved"
     for name, value in (("final_width.x1", "3.8"), ("final_width.x2", "13.4"), ("final_width", "17.2")):
         bound = check.bounds[name]
-        assert (
-            bound.better == "less"
-            and Exact(bound.refuted).rational <= Exact(value).rational <= Exact(bound.proved).rational
-        )
+        assert bound.better == "less"
+        assert Exact(bound.refuted).rational <= Exact(value).rational <= Exact(bound.proved).rational
         assert float(bound.proved) - float(bound.refuted) < 1e-8
 
 
 def settled(at, gain, cut, steps=140, seed=0, phases=5):
     """The largest widths of x in the second half of a long run, over random periods, d and v at corners."""
     rng = np.random.default_rng(seed)
-    ends = [
-        tuple(np.array([float(v) for v in side]) for side in (b.lower, b.upper)) for b in (at.disturbance, at.noise)
-    ]
-    bounds = Bounds(
-        at.A.floats, at.C.floats, ExactMatrix(gain.S.rows).floats, ExactMatrix(gain.L.rows).floats, *ends, cut=cut
-    )
+    sides = ((box.lower, box.upper) for box in (at.disturbance, at.noise))
+    ends = [tuple(np.array([float(v) for v in side]) for side in pair) for pair in sides]
+    bounds = Bounds(at.A.floats, at.C.floats, gain.S.floats, gain.L.floats, *ends, cut=cut)
     n, high, low = at.n, float(at.sampling.T_max), float(at.sampling.T_min)
     bounds.start(np.zeros(n), -np.ones(n), np.ones(n))
     widest = np.zeros(n)
@@ -218,16 +217,14 @@ def test_each_step_of_the_intersected_width(seed):
     rng = np.random.default_rng(seed)
     n = 1 + seed % 3
     F = rng.uniform(0, 1, (n, n)) * (rng.random((n, n)) < 0.8) - np.diag(rng.uniform(2, 6, n))
-    H = np.diag(np.where(np.arange(n) == 0, -rng.uniform(0, 0.5), 0.0)) + np.where(
-        np.arange(n)[:, None] > 0, 0.2, 0.0
-    ) * (np.arange(n) == 0)
+    first = np.arange(n) == 0
+    H = np.diag(np.where(first, -rng.uniform(0, 0.5), 0.0)) + np.where(first[:, None], 0.0, 0.2) * first
     w, c, T = rng.uniform(1, 8, n), rng.uniform(0, 1, n), rng.uniform(0.1, 0.8)
     G, noise = np.array([[rng.uniform(-2, 2)]]), rng.uniform(0.2, 3)
     exactly = lambda M: Matrix.from_floats(np.array(M).tolist())  # noqa: E731
     z = Coordinates(exactly(np.eye(n)), exactly(np.eye(n)), exactly(F), exactly(H), exactly(np.zeros((n, 1))))
-    found = intersected_width(
-        z, {0: exactly(G)}, exactly(w[:, None]), exactly(c[:, None]), exactly([[noise]]), Fraction(T)
-    )
+    columns = (exactly(value) for value in (w[:, None], c[:, None], [[noise]]))
+    found = intersected_width(z, {0: exactly(G)}, *columns, Fraction(T))
     expected = iterated(F, H, {0: abs(G[0, 0]) * noise}, w, c, T)
     values = found.floats.ravel()
     assert np.all(values >= expected * (1 - 1e-9)) and np.all(values <= expected * 1.08)
