@@ -235,16 +235,19 @@ def _bounds(judgement: Judgement) -> dict[str, Bound]:
             bounds["period_max_any_gain"] = _period(
                 some, lost, "some gain proved, every gain refuted" if ends else "some gain"
             )
-    fastest = max((item.proof.rate for item in judgement.covering), key=lambda rate: float(rate.lower()), default=None)
-    slowest = slowest_decay(question.inclusion)
-    known = fastest is not None and fastest > 0
-    if known or slowest is not None:
-        bounds["decay_rate"] = Bound(
-            lower_text(fastest, 9) if fastest is not None and known else None,
-            upper_text(slowest, 9) if slowest is not None else None,
-            "1/s", None, "this gain under its law",
-        )  # fmt: skip
-    return bounds
+    return bounds | _decay_rate(judgement)
+
+
+def _decay_rate(judgement: Judgement) -> dict[str, Bound]:
+    """The fastest rate proved under the law, and the slowest constant corner."""
+    decaying = [item for item in judgement.covering if item.proof.rate > 0]
+    fastest = max(decaying, key=lambda item: float(item.proof.rate.lower()), default=None)
+    slowest = slowest_decay(judgement.question.inclusion)
+    if fastest is None and slowest is None:
+        return {}
+    proved, method = (None, None) if fastest is None else (lower_text(fastest.proof.rate, 9), fastest.method.rung)
+    refuted = None if slowest is None else upper_text(slowest, 9)
+    return {"decay_rate": Bound(proved, refuted, "1/s", method, "this gain under its law")}
 
 
 def _period(item: Judged | None, refuted: str | None, about: str) -> Bound:

@@ -12,8 +12,8 @@ from cdobs_cli.certify.levels import constant_level
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.certificate import Clock
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
-from cdobs_cli.families.lpv_zoh.observer import inclusion as held
-from cdobs_cli.families.reachability.observer import inclusion as impulsive
+from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold
+from cdobs_cli.families.reachability import Reachability
 from cdobs_cli.plant import Box
 from cdobs_cli.sampling import SamplingLaw
 
@@ -23,6 +23,8 @@ PLANT = replace(
     sampling=SamplingLaw("aperiodic", Exact("0.2"), Exact("0.5")),
 )
 START = Box((Exact("-0.3"), Exact("0.1")), (Exact("0.2"), Exact("0.4")))
+
+held, impulsive = LpvZeroOrderHold().inclusion, Reachability().inclusion
 
 
 def worst_met(inclusion, n: int) -> np.ndarray:

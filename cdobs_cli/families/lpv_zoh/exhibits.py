@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from cdobs_cli.certificate import Check
 from cdobs_cli.chart import Chart, Exhibits, Panel, Role, Series, Table
 from cdobs_cli.design import Design
-from cdobs_cli.families.lpv_zoh.observer import INNOVATION, inclusion
+from cdobs_cli.families.lpv_zoh.observer import INNOVATION
 from cdobs_cli.plant import Plant
 from cdobs_cli.run import Run
 
@@ -31,7 +31,7 @@ def exhibits(family: LpvZeroOrderHold, plant: Plant, design: Design, check: Chec
         return Exhibits()
     charts = [*_held_outputs(plant, run), *_curve(plant, design, check)]
     numbers = _numbers(family, plant, design)
-    return Exhibits(tuple(charts), (_radii(plant, design), *numbers), _NOTES if numbers else ())
+    return Exhibits(tuple(charts), (_radii(family, plant, design), *numbers), _NOTES if numbers else ())
 
 
 def _numbers(family: LpvZeroOrderHold, plant: Plant, design: Design) -> list[Table]:
@@ -125,13 +125,13 @@ def _curve(plant: Plant, design: Design, check: Check | None) -> list[Chart]:
     ]
 
 
-def _radii(plant: Plant, design: Design) -> Table:
+def _radii(family: LpvZeroOrderHold, plant: Plant, design: Design) -> Table:
     """Spectral radii of the sampled error at constant slopes and the largest period."""
     import numpy as np
 
     from cdobs_cli.certify.floats import exponentials, spectral_radii
 
-    system = inclusion(replace(plant, sampling=design.sampling), design.gain)
+    system = family.inclusion(replace(plant, sampling=design.sampling), design.gain)
     maps = system.floats
     T = float(design.sampling.T_max)
     rows: list[tuple[Any, ...]] = []

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from cdobs_cli.certify.lmi import solver_log, summary
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.design import Design
 from cdobs_cli.exact.numbers import Exact
@@ -33,16 +32,14 @@ def synthesize(family: UpdatedSampling, plant: Plant, effort: int) -> Design:
     given = {name: matrix for name, matrix in family.given().items() if matrix is not None} if family.gain else {}
     question = asked(family, plant, given, effort)
     details = {"rate": rate.document()}
-    with solver_log() as records:
-        if given:
-            own = theorem.propose(question) if theorem.applies(question) else None
-            certificates = () if own is None else (own.certificate(),)
-            made = Design(family.name, "given", plant.sampling, given, certificates, details=details)
-        elif rate.largest is None:
-            made = Design(family.name, "none", plant.sampling, {}, reason=_UNBOUNDED.format(rate.c), details=details)
-        else:
-            made = replace(_found(theorem, question, rate.largest), details=details)
-    made = replace(made, solver=summary(records))
+    if given:
+        own = theorem.propose(question) if theorem.applies(question) else None
+        certificates = () if own is None else (own.certificate(),)
+        made = Design(family.name, "given", plant.sampling, given, certificates, details=details)
+    elif rate.largest is None:
+        made = Design(family.name, "none", plant.sampling, {}, reason=_UNBOUNDED.format(rate.c), details=details)
+    else:
+        made = replace(_found(theorem, question, rate.largest), details=details)
     known = None if made.outcome == "none" else rate.largest
     beside = None if known is None else constant_period.longest(plant, family.variant, known, 0)
     return made if beside is None else replace(made, certificates=(*made.certificates, beside))
