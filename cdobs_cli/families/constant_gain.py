@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from cdobs_cli.certify.methods.rung import Rung
     from cdobs_cli.design import Design
     from cdobs_cli.exact.numbers import ExactMatrix
-    from cdobs_cli.hybrid import ErrorMaps, PlantView
+    from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, PlantView
     from cdobs_cli.plant import Plant
 
 
