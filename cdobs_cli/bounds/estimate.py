@@ -53,9 +53,14 @@ def confine(plant: Plant, saturate: Saturate, transients: Sequence[Transient], s
         within = _margin_for(plant, transients, _symmetric(start))
         if within is not None:
             return within
-    if saturate is not False and (not plant.domain.where or _slopes_hold(plant.on_box)):
+    if saturate is not False and _is_continued(plant):
         return Confinement("continuation")
     return (_margin_of_its_own(plant, transients) if saturate is not True else None) or Confinement("open")
+
+
+def _is_continued(plant: Plant) -> bool:
+    """Whether the continuation keeps the slope class: entries that move by themselves, on the whole box."""
+    return not plant.slopes.joint and (not plant.domain.where or _slopes_hold(plant.on_box))
 
 
 def _symmetric(start: Box) -> Box:
@@ -71,14 +76,10 @@ def _symmetric(start: Box) -> Box:
 def holds_everywhere(plant: Plant) -> bool:
     """Whether phi is defined and its slopes hold for every state: by the ranges of the functions alone."""
     region = Region.of(replace(plant, domain=Domain()))
-    for i, phi in enumerate(plant.phi):
+    for phi in plant.phi:
         if set(plant.states) & phi.variables and any(True for _ in conditions(phi)):
             return False
-        for j, name in enumerate(plant.states):
-            slope = phi.derivative(name)
-            if slope != ZERO and not _within(range_of(slope, region.box), plant.slopes.lower[i, j], plant.slopes.upper[i, j]):
-                return False
-    return True
+    return all(_within(range_of(slope, region.box), low, high) for slope, low, high in _claimed(plant))
 
 
 def _within(values: Any, low: Exact, high: Exact) -> bool:
@@ -90,8 +91,7 @@ def _within(values: Any, low: Exact, high: Exact) -> bool:
 
 def _slopes_hold(plant: Plant) -> bool:
     """Whether phi is defined and its slopes are proved all over the domain."""
-    bounds = ((slope, plant.slopes.lower[at], plant.slopes.upper[at]) for at, slope in _varying(plant))
-    return _is_defined(plant) and all(_is_within(plant, *bound) for bound in bounds)
+    return _is_defined(plant) and all(_is_within(plant, *bound) for bound in _claimed(plant))
 
 
 def _zero_slopes_hold(plant: Plant) -> bool:
@@ -104,6 +104,13 @@ def _zero_slopes_hold(plant: Plant) -> bool:
 def _is_defined(plant: Plant) -> bool:
     region = Region.of(plant)
     return all(defined(phi, region).status == "proved" for phi in plant.phi if any(True for _ in conditions(phi)))
+
+
+def _claimed(plant: Plant) -> Iterator[tuple[Expression, Exact, Exact]]:
+    """Functions with the bounds that the slope class claims: entries by themselves, then those that entries share."""
+    slopes = plant.slopes
+    yield from ((slope, slopes.lower[at], slopes.upper[at]) for at, slope in _varying(plant) if at not in slopes.shared)
+    yield from ((rho.function, rho.lower, rho.upper) for rho in slopes.joint if rho.function is not None)
 
 
 def _varying(plant: Plant) -> Iterator[tuple[tuple[int, int], Expression]]:
@@ -166,7 +173,7 @@ def _judge(plant: Plant, confinement: Confinement, transients: Sequence[Transien
     match confinement.way:
         case "everywhere" if holds_everywhere(plant):
             return "proved", "the slopes hold wherever the estimate goes"
-        case "continuation" if not plant.domain.where or _slopes_hold(plant.on_box):
+        case "continuation" if _is_continued(plant):
             return "proved", (
                 "outside the box of the domain the observer continues phi linearly, so the slopes hold wherever the estimate goes"
             )
