@@ -134,9 +134,9 @@ def _functions(entries: Mapping[Entry, Terms]) -> list[Shared]:
     names = sorted({term for terms in entries.values() for term in terms}, key=str)
     groups: dict[tuple[Fraction, ...], list[tuple[Expression, Fraction]]] = {}
     for term in names:
-        column = [terms.get(term, Fraction(0)) for terms in entries.values()]
-        lead = next(value for value in column if value)
-        groups.setdefault(tuple(value / lead for value in column), []).append((term, lead))
+        values = [terms.get(term, Fraction(0)) for terms in entries.values()]
+        lead = next(value for value in values if value)
+        groups.setdefault(tuple(value / lead for value in values), []).append((term, lead))
     functions = []
     for column, members in groups.items():
         function: Expression = ZERO
