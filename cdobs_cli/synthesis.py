@@ -71,7 +71,7 @@ def _design_over(region: Plant, spec: Spec, effort: int) -> Design:
         plant = plant.with_slopes(slopes)
     with solver_log() as records:
         design = observer.synthesize(plant, effort)
-    design = replace(design, slopes=slopes, solver=summary(records) or design.solver)
+    design = replace(design, slopes=slopes, solver=summary(records))
     if design.outcome == "none":
         return design
     return replace(design, estimate=observer.confine(plant, design, initial_errors(spec)))
