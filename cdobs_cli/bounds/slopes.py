@@ -98,7 +98,7 @@ def _is_made(plant: Plant, entry: Entry) -> bool:
     return is_zero(plant.phi[i].derivative(plant.states[j]) - total)
 
 
-def resolve(plant: Plant) -> tuple[Plant, dict[str, tuple[str, str]]]:
+def resolve(plant: Plant, *, together: bool = True) -> tuple[Plant, dict[str, tuple[str, str]]]:
     """Proved bounds for the entries declared `auto`, rounded outwards to short decimals.
 
     Returns: the plant with these bounds, and the bounds by entry, {"2.1": (lower, upper)}, from 1, and by function where
@@ -114,11 +114,16 @@ def resolve(plant: Plant) -> tuple[Plant, dict[str, tuple[str, str]]]:
     missing = frozenset((i, j) for i, j in plant.slopes.auto if f"{i + 1}.{j + 1}" not in found)
     if missing:
         return replace(plant, slopes=replace(plant.slopes, auto=missing)), found
-    joint = joint_slopes(plant)
+    joint = joint_slopes(plant) if together else None
     ends = [automatic(one.function, region) for one in joint.functions] if joint is not None else []
     if ends and None not in ends:
         found |= {f"rho{k + 1}": bounds for k, bounds in enumerate(ends) if bounds is not None}
     return with_found(plant, found), found
+
+
+def is_shared(name: str) -> bool:
+    """Whether a bound is that of a function of several entries."""
+    return name.startswith("rho")
 
 
 def with_found(plant: Plant, found: Mapping[str, tuple[str, str]]) -> Plant:
@@ -127,7 +132,7 @@ def with_found(plant: Plant, found: Mapping[str, tuple[str, str]]) -> Plant:
     Raises: KeyError where an `auto` entry has no bound, ValueError for functions that the plant's slopes do not share.
     """
     resolved = plant.with_slopes(found)
-    names = [name for name in found if name.startswith("rho")]
+    names = [name for name in found if is_shared(name)]
     if not names:
         return resolved
     joint = joint_slopes(plant)
