@@ -52,7 +52,7 @@ def new_design(spec: Spec, effort: int) -> Design:
     if together is not None and together.estimate.way == "margin" and initial_errors(spec) is not None:
         return together
     apart = _apart(spec, effort)
-    if together is None or _serves(apart) and not (_serves(together) and _is_longer(spec, together, apart)):
+    if together is None or (_serves(apart) and not (_serves(together) and _is_longer(spec, together, apart))):
         return apart
     # Where neither serves, what is said is said of the smaller class.
     return together

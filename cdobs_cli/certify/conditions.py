@@ -12,7 +12,7 @@ from cdobs_cli.plant import Domain, Plant
 from cdobs_cli.sampling import SamplingLaw
 
 CONVERGENCE = "convergence"
-_PERIODS = ("period_max", "period_max_any_gain")
+_PERIODS = ("period_max", "period_max_any_gain", "period_max_at_rate")
 _CONSEQUENCES = ("decay_rate", "guaranteed_period")
 
 

@@ -19,7 +19,14 @@ from cdobs_cli.families.interval.cone import Cone, ErrorSystem
 from cdobs_cli.families.interval.intersect import measured_rows
 from cdobs_cli.families.interval.positivity import PositivityLimit, positivity_limit
 from cdobs_cli.families.interval.sampled_width import width_contracts
-from cdobs_cli.families.interval.theorems import Coordinates, assumption_3, coordinates, error_flow, error_held, width_matrix
+from cdobs_cli.families.interval.theorems import (
+    Coordinates,
+    assumption_3,
+    coordinates,
+    error_flow,
+    error_held,
+    width_matrix,
+)
 from cdobs_cli.plant import Box, Plant
 from cdobs_cli.sampling import SamplingLaw
 

@@ -23,7 +23,14 @@ from cdobs_cli.families.interval.hull import find_hull, prove_hull
 from cdobs_cli.families.interval.intersect import measured_rows
 from cdobs_cli.families.interval.positivity import PositivityLimit, positivity_limit
 from cdobs_cli.families.interval.theorem_2 import Theorem2, find_theorem_2, gain_limit, observer_loop, refute_theorem_2
-from cdobs_cli.families.interval.theorems import Coordinates, assumption_3, coordinates, error_flow, error_held, width_matrix
+from cdobs_cli.families.interval.theorems import (
+    Coordinates,
+    assumption_3,
+    coordinates,
+    error_flow,
+    error_held,
+    width_matrix,
+)
 from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
 

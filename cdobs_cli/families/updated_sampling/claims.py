@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING, Any
 from flint import acb, arb
 
 from cdobs_cli.certificate import Bound, Certificate, Check, Claim, Status, Witness
-from cdobs_cli.certify.ball import determinant, eigenvalues, has_spectral_radius_below, is_hurwitz, spectral_radius_lower
+from cdobs_cli.certify.ball import (
+    determinant,
+    eigenvalues,
+    has_spectral_radius_below,
+    is_hurwitz,
+    spectral_radius_lower,
+)
 from cdobs_cli.certify.falsify import refute
 from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ExpressionError

@@ -28,7 +28,7 @@ class ImpulsiveGain(GainSearch):
             lambda T: design_impulsive(question.at(T)), question.law.T_max, search.tolerance(question.effort),
             glance=lambda T: design_impulsive(glance.at(T)),
         )  # fmt: skip
-        return _candidate(question, met)
+        return _candidate(question, met, None, question.rate)
 
     def fastest(self, question: Question) -> Candidate | None:
         """Bisection on sigma, the decay rate of the clock certificate."""
