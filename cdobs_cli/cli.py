@@ -29,23 +29,8 @@ app = typer.Typer(
 )
 
 
-class Format(StrEnum):
-    """How results are printed on stdout."""
-
-    text = "text"
-    json = "json"
-    junit = "junit"
-    sarif = "sarif"
-    github = "github"
-
-
-class Plain(StrEnum):
-    """Formats of what is not about specs."""
-
-    text = "text"
-    json = "json"
-
-
+Format = StrEnum("Format", "text json junit sarif github")
+Plain = StrEnum("Plain", "text json")  # of what is not about specs
 STAGES = ("synthesize", "check", "simulate", "report")
 Stages = tuple[str, ...]
 _INTERRUPTED = 130  # what typer makes of Ctrl-C

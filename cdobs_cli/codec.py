@@ -70,12 +70,9 @@ def parse(content: bytes) -> Any:
     """
     try:
         value = json.loads(
-            content.decode("utf-8"),
-            object_pairs_hook=_object,
-            parse_constant=_refuse_constant,
-            parse_float=_float,
+            content.decode("utf-8"), object_pairs_hook=_object, parse_constant=_refuse_constant, parse_float=_float,
             parse_int=_integer,
-        )
+        )  # fmt: skip
     except RecursionError:
         raise ValueError("nested too deep") from None
     _refuse_strange(value, 0)

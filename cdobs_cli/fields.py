@@ -28,6 +28,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError, core_schema
 
 from cdobs_cli.exact.expression import Call, Expression, ExpressionError, Number, Power, Variable
+from cdobs_cli.exact.language import LANGUAGE
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import CONSTANTS, TYPED_FUNCTIONS, parse
 
@@ -35,8 +36,6 @@ MAX_ROWS = 256
 MAX_TREE = 20_000
 MAX_TREE_DEPTH = 400
 LARGEST = Fraction(10) ** 100
-# What gives one value for constant arguments (random draws of a noise do not).
-_CONSTANT_FUNCTIONS = {*TYPED_FUNCTIONS, "add", "multiply", "divide", "sign", "step"}
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
@@ -59,8 +58,9 @@ def bounded(expression: Expression) -> Expression:
             raise ExpressionError("an expression that is too large once its parameters are put in")
     closed: dict[Expression, bool] = {}
     for node in expression.walk():
-        varies = isinstance(node, Variable) or (isinstance(node, Call) and node.function not in _CONSTANT_FUNCTIONS)
-        closed[node] = not varies and all(closed[child] for child in node.children)
+        # Random draws of a noise are no functions of the language: they have no one value.
+        constant = not isinstance(node, Variable) and (not isinstance(node, Call) or node.function in LANGUAGE)
+        closed[node] = constant and all(closed[child] for child in node.children)
         if isinstance(node, Number):
             _check_magnitude(node.value)
     outermost = {child for node in closed if not closed[node] for child in node.children if closed[child]}

@@ -99,14 +99,14 @@ def _of_simulation(spec: Spec, simulation: dict[str, Any] | None, named: set[str
     overall = simulation["overall"]
     margin, stopped = overall["inclusion_margin"], overall["stopped"]
     left = "a state or its estimate leaves the domain where the slopes are claimed"
-    told = {
+    flags = {
         "diverged": (overall["diverged"], f"the error diverges: {stopped or 'it exceeds 1e6 (1 + |e(0)|)'}"),
         "left_domain": (overall["left_domain"], left),
         "inclusion_margin": (margin is not None and margin < 0, f"the state leaves its bounds by {_size(margin)}"),
         "stopped": (stopped is not None and not overall["diverged"], f"the run stops early: {stopped}"),
     }
-    for quantity, (found, text) in told.items():
-        if found and not any(name.startswith("simulation.") and name.endswith(f".{quantity}") for name in named):
+    for quantity, (is_set, text) in flags.items():
+        if is_set and not any(name.startswith("simulation.") and name.endswith(f".{quantity}") for name in named):
             yield _message(spec, text, ("simulation",), f"simulation.{quantity}")
 
 

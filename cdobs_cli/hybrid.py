@@ -94,7 +94,8 @@ class HybridInclusion:
 
 @dataclass(frozen=True)
 class PlantView(Generic[M]):
-    """A, C, the slope class and the gain in one arithmetic: slopes are sum_k v_k parts[k] with v_k in [lower[k], upper[k]],
+    """A, C, the slope class and the gain in one arithmetic: slopes are sum_k v_k parts[k] with v_k in [lower[k],
+    upper[k]],
     and A holds what is constant of them too. Shapes: A, parts, identity (n, n); C (p, n)."""
 
     A: M
@@ -156,7 +157,8 @@ class PlantView(Generic[M]):
 
 
 def corrected_copy(view: PlantView[Any]) -> ErrorMaps[Any]:
-    """edot = (A + V) e with V in the slope class, e+ = (I - K C) e, for e = x_hat - x and a copy of the model corrected by
+    """edot = (A + V) e with V in the slope class, e+ = (I - K C) e, for e = x_hat - x and a copy of the model
+    corrected by
     K (y - C x_hat) at samples.
 
     Source: Dinh2014, (8), (10); Andrieu2014, (10)

@@ -41,9 +41,14 @@ class Message:
     def from_problem(problem: Problem) -> Message:
         return Message("error", problem.text, problem.file, problem.line, problem.column, problem.path)
 
+    @property
+    def told(self) -> str:
+        """The field, where there is one, and the sentence."""
+        return f"{self.field}: {self.text}" if self.field else self.text
+
     def __str__(self) -> str:
         where = ":".join(str(part) for part in (self.file, self.line, self.column) if part is not None)
-        return ": ".join(part for part in (where, self.field, self.text) if part)
+        return f"{where}: {self.told}" if where else self.told
 
     def document(self) -> dict[str, Any]:
         return {

@@ -210,10 +210,10 @@ def _write_run(work: Work, design: Design, run: Run) -> dict[str, Any]:
     from cdobs_cli.simulate.archive import to_bytes
 
     # The archive first: simulation.json, which names its digest, is what makes a run count as there.
-    archive, spec = to_bytes(run), work.spec
+    archive = to_bytes(run)
     work.store.write_files({"simulation.npz": archive})
-    check_at_hand, plant = _stored_check(work, design), plant_of(spec, design)
-    work.store.write_files(figures_of_run(plant, spec.observer, design, check_at_hand, run, spec.coordinates))
+    told = replace(report_model(work, {}), check=_stored_check(work, design), run=run)
+    work.store.write_files(figures_of_run(told))
     run = replace(run, digests={**_simulation_digests(work, design), ARCHIVE: _sha256(archive)})
     work.redone.add("simulate")
     return work.store.write("simulation.json", run.document())

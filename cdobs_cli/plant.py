@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from itertools import product
 from typing import Literal
 
 from cdobs_cli.exact.expression import ZERO, Expression, Variable, call
@@ -120,12 +121,9 @@ class Slopes:
     def entries(self) -> tuple[tuple[int, int], ...]:
         """Entries that are not the constant 0, row by row."""
         n, m = self.lower.shape
-        return tuple(
-            (i, j)
-            for i in range(n)
-            for j in range(m)
-            if (i, j) in self.auto or self.lower[i, j].sign() != 0 or self.upper[i, j].sign() != 0
-        )
+        ends = (self.lower, self.upper)
+        places = product(range(n), range(m))
+        return tuple(at for at in places if at in self.auto or any(end[at].sign() != 0 for end in ends))
 
     @property
     def uncertain(self) -> tuple[tuple[int, int], ...]:
@@ -197,8 +195,8 @@ class Plant:
         upper = all(self.A[i, j].sign() == 0 for i in range(n) for j in range(i))
         return upper and all(j >= i for i, j in self.slopes.entries)
 
-    def with_slopes(self, found: Mapping[str, tuple[str, str]]) -> Plant:
-        """The plant with slopes declared `auto` replaced by bounds found: {"i.j": (lower, upper)}, from 1.
+    def with_slopes(self, bounds: Mapping[str, tuple[str, str]]) -> Plant:
+        """The plant with slopes declared `auto` replaced by bounds: {"i.j": (lower, upper)}, from 1.
 
         Raises: KeyError where an `auto` entry has no bound.
         """
@@ -207,7 +205,7 @@ class Plant:
         lower = [list(row) for row in self.slopes.lower.rows]
         upper = [list(row) for row in self.slopes.upper.rows]
         for i, j in self.slopes.auto:
-            low, high = found[f"{i + 1}.{j + 1}"]
+            low, high = bounds[f"{i + 1}.{j + 1}"]
             lower[i][j], upper[i][j] = Exact(low), Exact(high)
         return replace(self, slopes=Slopes(ExactMatrix(lower), ExactMatrix(upper)))
 

@@ -17,12 +17,12 @@ _COMMAND = re.compile(r"^\s*:(?=:)|#(?=#[\[A-Za-z])")
 
 def printable(text: str) -> str:
     r"""Text on one line: `\x1b`, `\n`, `\u202e` in the place of each character that would be obeyed."""
-    return _OBEYED.sub(lambda found: found.group().encode("unicode_escape").decode("ascii"), text)
+    return _OBEYED.sub(lambda match: match.group().encode("unicode_escape").decode("ascii"), text)
 
 
 def line(text: str) -> str:
     """One line for a terminal or a log, that no CI service takes for a command."""
-    return _COMMAND.sub(lambda found: f"{found.group()[:-1]}\\x{ord(found.group()[-1]):02x}", printable(text))
+    return _COMMAND.sub(lambda match: f"{match.group()[:-1]}\\x{ord(match.group()[-1]):02x}", printable(text))
 
 
 def lines(text: str) -> str:

@@ -40,7 +40,8 @@ def system_of(spec: Spec, design: Design) -> HybridSystem:
 
 
 def new_design(spec: Spec, effort: int) -> Design:
-    """A design. Where automatic slopes share functions: the one whose entries move together, if its estimate is shown to
+    """A design. Where automatic slopes share functions: the one whose entries move together, if its estimate is
+    shown to
     stay for the typed initial errors; else the better of that one, for initial errors of its own, and of the one whose
     entries move by themselves, which the continuation serves."""
     plant = spec.plant

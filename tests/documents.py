@@ -35,8 +35,10 @@ JSON_DOCUMENT = _closed(
                         "type": "array",
                         "items": _closed(
                             {
-                                "severity": {"enum": ["error", "warning", "note"]}, "file": _MAYBE_TEXT, "line": _MAYBE_PLACE,
-                                "column": _MAYBE_PLACE, "field": _MAYBE_TEXT, "text": {"type": "string", "minLength": 1},
+                                "severity": {"enum": ["error", "warning", "note"]}, "file": _MAYBE_TEXT,
+                                "line": _MAYBE_PLACE,
+                                "column": _MAYBE_PLACE, "field": _MAYBE_TEXT,
+                                "text": {"type": "string", "minLength": 1},
                             }
                         ),
                     },
@@ -83,7 +85,10 @@ SARIF = _closed(
                             "driver": _closed(
                                 {
                                     "name": _TEXT, "version": {"type": "string", "pattern": r"^\d+\.\d+\.\d+"},
-                                    "rules": {"type": "array", "uniqueItems": True, "items": _closed({"id": _TEXT, "name": _TEXT})},
+                                    "rules": {
+                                        "type": "array", "uniqueItems": True,
+                                        "items": _closed({"id": _TEXT, "name": _TEXT}),
+                                    },
                                 }
                             )
                         }
@@ -92,7 +97,8 @@ SARIF = _closed(
                         "type": "array",
                         "items": _closed(
                             {
-                                "executionSuccessful": {"type": "boolean"}, "exitCode": {"type": "integer"}, "commandLine": _TEXT,
+                                "executionSuccessful": {"type": "boolean"}, "exitCode": {"type": "integer"},
+                                "commandLine": _TEXT,
                                 "toolExecutionNotifications": {
                                     "type": "array",
                                     "items": _closed({"level": _LEVEL, "message": _MESSAGE, "locations": _LOCATIONS}),

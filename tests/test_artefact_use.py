@@ -1,4 +1,4 @@
-"""What commands do with artefacts that are not what was written: make them anew, or refuse them; and how they say so."""
+"""What commands do with artefacts that are not what was written: make them anew, or refuse them, and say so."""
 
 from __future__ import annotations
 

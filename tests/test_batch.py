@@ -155,7 +155,8 @@ def in_terminal(arguments: list[str], folder: Path, **env: str) -> tuple[str, st
     """stdout (a pipe) and stderr (a terminal of 24 lines) of a command."""
     ours, theirs = pty.openpty()
     process = subprocess.Popen(
-        [sys.executable, "-m", "cdobs_cli", *arguments], cwd=folder, stdout=subprocess.PIPE, stderr=theirs, stdin=subprocess.DEVNULL,
+        [sys.executable, "-m", "cdobs_cli", *arguments], cwd=folder, stdout=subprocess.PIPE, stderr=theirs,
+        stdin=subprocess.DEVNULL,
         env=os.environ | {"PYTHONPATH": str(ROOT), "TERM": "xterm", "COLUMNS": "100", "LINES": "24"} | env,
     )  # fmt: skip
     os.close(theirs)

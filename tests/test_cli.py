@@ -22,7 +22,8 @@ def loaded(tmp_path: Path, *arguments: str) -> set[str]:
     """Top-level packages that a command loads."""
     code = (
         "import sys, atexit\n"
-        "atexit.register(lambda: print('LOADED ' + ' '.join(sorted({m.partition('.')[0] for m in sys.modules})), file=sys.stderr))\n"
+        "names = lambda: sorted({m.partition('.')[0] for m in sys.modules})\n"
+        "atexit.register(lambda: print('LOADED ' + ' '.join(names()), file=sys.stderr))\n"
         "from cdobs_cli.__main__ import main\n"
         f"sys.argv = ['cdobs', *{list(arguments)!r}]\n"
         "main()\n"

@@ -48,7 +48,8 @@ def test_what_was_written_is_read() -> None:
 @pytest.mark.parametrize(
     "change",
     [
-        {"size": "1"}, {"size": True}, {"class": "huge"}, {"class": ["big"]}, {"count": 1.0}, {"count": True}, {"is_green": 1},
+        {"size": "1"}, {"size": True}, {"class": "huge"}, {"class": ["big"]}, {"count": 1.0}, {"count": True},
+        {"is_green": 1},
         {"note": 3}, {"more": []}, {"kind": "big"}, {"unknown": 1},
     ],
 )  # fmt: skip
@@ -66,9 +67,12 @@ def test_a_missing_key_is_refused(missing: str) -> None:
 @pytest.mark.parametrize(
     "change",
     [
-        {"leaves": "none"}, {"leaves": {}}, {"leaves": [[1]]}, {"ends": []}, {"ends": {"1.1": ["0"]}}, {"ends": {"1.1": ["0", "1", "2"]}},
-        {"gain": "1"}, {"gain": ["12"]}, {"gain": []}, {"gain": [["1"], ["1", "2"]]}, {"gain": [[1]]}, {"gain": [["x"]]}, {"law": []},
-        {"law": {"period": 0.5}}, {"law": {"period": "-1"}}, {"law": {"period": "1", "min_period": "0"}}, {"law": {"updated": 1}},
+        {"leaves": "none"}, {"leaves": {}}, {"leaves": [[1]]}, {"ends": []}, {"ends": {"1.1": ["0"]}},
+        {"ends": {"1.1": ["0", "1", "2"]}},
+        {"gain": "1"}, {"gain": ["12"]}, {"gain": []}, {"gain": [["1"], ["1", "2"]]}, {"gain": [[1]]},
+        {"gain": [["x"]]}, {"law": []},
+        {"law": {"period": 0.5}}, {"law": {"period": "-1"}}, {"law": {"period": "1", "min_period": "0"}},
+        {"law": {"updated": 1}},
         {"law": {"min_period": "2", "max_period": "1"}},
     ],
 )  # fmt: skip
@@ -80,7 +84,8 @@ def test_a_part_of_another_shape_is_refused(change: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        '{"a": 1, "a": 1}', '{"a": NaN}', "[Infinity]", "[-Infinity]", "[1e999]", f"[{10**30}]", f"[{'9' * 5000}]", '["\\ud800"]',
+        '{"a": 1, "a": 1}', '{"a": NaN}', "[Infinity]", "[-Infinity]", "[1e999]", f"[{10**30}]", f"[{'9' * 5000}]",
+        '["\\ud800"]',
         '{"\\udc00": 1}', "[" * 80 + "]" * 80, "[" * 100_000, "", "\ufeff{}", "{'a': 1}", "[1,]",
     ],
 )  # fmt: skip
@@ -106,8 +111,10 @@ def test_a_check_says_what_its_claims_say() -> None:
     assert Check.from_document(document) == check
     convergence, premise = document["claims"][1], document["claims"][0]
     for change in (
-        {"verdict": "proved"}, {"verdict": "undecided", "claims": []}, {"verdict": "proved", "claims": [premise | {"required": 1}]},
-        {"claims": [premise, convergence | {"status": "doubted"}]}, {"claims": [premise, convergence | {"witness": "none"}]},
+        {"verdict": "proved"}, {"verdict": "undecided", "claims": []},
+        {"verdict": "proved", "claims": [premise | {"required": 1}]},
+        {"claims": [premise, convergence | {"status": "doubted"}]},
+        {"claims": [premise, convergence | {"witness": "none"}]},
         {"bounds": {"period_max": document["bounds"]["period_max"] | {"proved": "much"}}},
         {"bounds": {"period_max": document["bounds"]["period_max"] | {"proved": 0.3}}}, {"digests": {"key": 1}},
     ):  # fmt: skip

@@ -24,7 +24,8 @@ from cdobs_cli.store import sealed
 REFUTED = PENDULUM.replace("  method: set\n", "  method: set\n  gain: {K: [[-1], [-1.8361]]}\n")
 FINDING = (
     REFUTED
-    + "expect:\n- {quantity: design.outcome, equals: none}\n- {quantity: simulation.overall.error_final, at_most: 1e-9}\n"
+    + "expect:\n- {quantity: design.outcome, equals: none}\n"
+    + "- {quantity: simulation.overall.error_final, at_most: 1e-9}\n"
 )
 CODES = {
     "validate": {

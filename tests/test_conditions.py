@@ -28,8 +28,8 @@ simulation:
 
 
 def result(folder: Path, **parts: str) -> Result:
-    filled = {"A": "0", "phi": "0", "slopes": "[[0]]", "more": "", "law": "period: 0.5", "noise": "", "family": "reachability",
-              "gain": "{K: [[0.9]]}", "options": "", "signals": ""} | parts  # fmt: skip
+    filled = {"A": "0", "phi": "0", "slopes": "[[0]]", "more": "", "law": "period: 0.5", "noise": "",
+              "family": "reachability", "gain": "{K: [[0.9]]}", "options": "", "signals": ""} | parts  # fmt: skip
     (folder / "s.yaml").write_text(SPEC.format(**filled))
     return run(Job(folder / "s.yaml", folder / "out"), ("synthesize", "check", "simulate"), Settings(effort=0))
 
@@ -135,17 +135,29 @@ def test_slopes_that_only_the_cut_estimate_meets_are_not_forgotten(tmp_path: Pat
 
 def test_periods_of_a_class_that_is_not_the_plants_are_not_proved_of_it(tmp_path: Path) -> None:
     made = result(
-        tmp_path, A="-1", phi="u*sin(x)", slopes="[[1]]", more="inputs: {u: {}}", gain="{K: [[0.5]]}", signals='signals: {u: "0"}'
+        tmp_path,
+        A="-1",
+        phi="u*sin(x)",
+        slopes="[[1]]",
+        more="inputs: {u: {}}",
+        gain="{K: [[0.5]]}",
+        signals='signals: {u: "0"}',
     )
     assert made.check is not None
     assert made.check["verdict"] == "refuted"
-    assert all(bound["proved"] is None for name, bound in made.check["bounds"].items() if name.startswith(("period_max", "decay")))
+    assert all(
+        bound["proved"] is None
+        for name, bound in made.check["bounds"].items()
+        if name.startswith(("period_max", "decay"))
+    )
 
 
 def test_periods_typed_as_fractions_are_told_as_decimals_below_them(tmp_path: Path) -> None:
     """A margin holds for the typed period, and no further."""
     slopes, domain = "[[[-0.6, 0.6]]]", "domain: {x: [-1, 1]}"
-    made = result(tmp_path, phi="0.1*x**2", slopes=slopes, more=domain, law='period: "1/3"', options=", saturate: false")
+    made = result(
+        tmp_path, phi="0.1*x**2", slopes=slopes, more=domain, law='period: "1/3"', options=", saturate: false"
+    )
     assert made.check is not None and made.design is not None
     assert made.design["estimate"]["way"] == "margin"
     assert made.check["bounds"]["period_max"]["proved"] == "0.333333333333"

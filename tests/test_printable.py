@@ -42,7 +42,8 @@ def harmless(text: str) -> bool:
     [
         ("plain é λ 你 👍 a\\b", "plain é λ 你 👍 a\\b"),
         ("a\x1b[31mb", r"a\x1b[31mb"), ("a\nb\tc\r", r"a\nb\tc\r"), ("\x9b\x7f", r"\x9b\x7f"),
-        ("\u202e\u2066\u2028\u2029\ufeff", r"\u202e\u2066\u2028\u2029\ufeff"), ("\udcff\U000e0041", r"\udcff\U000e0041"),
+        ("\u202e\u2066\u2028\u2029\ufeff", r"\u202e\u2066\u2028\u2029\ufeff"),
+        ("\udcff\U000e0041", r"\udcff\U000e0041"),
     ],
 )  # fmt: skip
 def test_what_is_obeyed_becomes_an_escape(text: str, shown: str) -> None:

@@ -19,7 +19,8 @@ def shell(folder: Path, line: str) -> tuple[int, str, str]:
     """Exit code, stdout, stderr of a line; `cdobs` is the tool."""
     tool = f'"{sys.executable}" -m cdobs_cli'
     done = subprocess.run(
-        [SHELL, "-c", line.replace("cdobs", tool)], cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True,
+        [SHELL, "-c", line.replace("cdobs", tool)], cwd=folder, env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
         text=True, timeout=120, check=False, stdin=subprocess.DEVNULL,
     )  # fmt: skip
     assert "Traceback" not in done.stdout + done.stderr

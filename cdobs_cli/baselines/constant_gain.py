@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from cdobs_cli.exact.expression import Expression, Variable
+import numpy as np
+
+from cdobs_cli.exact.expression import Variable
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.hybrid import Observer
-from cdobs_cli.plant import Plant
+from cdobs_cli.plant import Plant, weighted
 
 PREFIX = "hat."
 
@@ -15,7 +17,6 @@ def placed_gain(plant: Plant, period: float, radius: float) -> ExactMatrix:
 
     Raises: ValueError where the pair cannot be observed at this period.
     """
-    import numpy as np
     from scipy.linalg import expm
 
     n = plant.n
@@ -34,16 +35,6 @@ def constant_gain(plant: Plant, K: ExactMatrix) -> Observer:
     """x_hat' = A x_hat + phi(x_hat, u) + B u,  x_hat+ = x_hat + K (y - C x_hat). K (n, p)."""
     hat = tuple(PREFIX + name for name in plant.states)
     innovation = [Variable(f"y.{k}") - row for k, row in enumerate(plant.outputs(PREFIX))]
-    jump = []
-    for i, name in enumerate(hat):
-        total: Expression = Variable(name)
-        for k, residual in enumerate(innovation):
-            total = total + K[i, k].expression * residual
-        jump.append(total)
-    return Observer(
-        states=hat,
-        start=tuple(Variable(f"initial.{name}") for name in plant.states),
-        flow=plant.right_hand_side(PREFIX),
-        jump=tuple(jump),
-        estimates={"x_hat": tuple(Variable(name) for name in hat)},
-    )
+    jump = [sum(weighted(K, i, innovation), Variable(name)) for i, name in enumerate(hat)]
+    start, x_hat = (tuple(Variable(prefix + name) for name in plant.states) for prefix in ("initial.", PREFIX))
+    return Observer(hat, start, plant.right_hand_side(PREFIX), tuple(jump), {"x_hat": x_hat})

@@ -8,9 +8,9 @@ Source: Jazwinski1970, Chapter 8
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
-from cdobs_cli.exact.expression import ZERO, Expression, Variable
+from cdobs_cli.exact.expression import ZERO, Variable
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import Observer
 from cdobs_cli.plant import Plant
@@ -32,16 +32,17 @@ def extended_kalman_filter(plant: Plant, Q: Sequence[Exact], R: Exact, P_0: Sequ
     P = [[Variable(_entry(min(i, j), max(i, j))) for j in range(n)] for i in range(n)]
     upper = [(i, j) for i in range(n) for j in range(i, n)]
     C = [entry.expression for entry in plant.C.rows[0]]
-    PC = [_sum(P[i][k] * C[k] for k in range(n)) for i in range(n)]
-    spread = _sum(C[i] * PC[i] for i in range(n)) + R.expression
+    PC = [sum((P[i][k] * C[k] for k in range(n)), ZERO) for i in range(n)]
+    spread = sum((C[i] * PC[i] for i in range(n)), ZERO) + R.expression
     innovation = Variable("y.0") - plant.outputs(PREFIX)[0]
-    flow_P = []
-    for i, j in upper:
-        rate = _sum(F[i][k] * P[k][j] + P[i][k] * F[j][k] for k in range(n))
-        flow_P.append(rate + Q[i].expression if i == j else rate)
+    rates = [sum((F[i][k] * P[k][j] + P[i][k] * F[j][k] for k in range(n)), ZERO) for i, j in upper]
+    flow_P = [rate + Q[i].expression if i == j else rate for (i, j), rate in zip(upper, rates, strict=True)]
     return Observer(
         states=(*hat, *(_entry(i, j) for i, j in upper)),
-        start=(*(Variable(f"initial.{name}") for name in plant.states), *(P_0[i].expression if i == j else ZERO for i, j in upper)),
+        start=(
+            *(Variable(f"initial.{name}") for name in plant.states),
+            *(P_0[i].expression if i == j else ZERO for i, j in upper),
+        ),
         flow=(*f, *flow_P),
         jump=(
             *(Variable(hat[i]) + PC[i] / spread * innovation for i in range(n)),
@@ -53,10 +54,3 @@ def extended_kalman_filter(plant: Plant, Q: Sequence[Exact], R: Exact, P_0: Sequ
 
 def _entry(i: int, j: int) -> str:
     return f"cov.{i}.{j}"
-
-
-def _sum(terms: Iterable[Expression]) -> Expression:
-    total: Expression = ZERO
-    for term in terms:
-        total = total + term
-    return total

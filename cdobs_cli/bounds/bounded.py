@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, inf, isfinite, log10
-from typing import Literal
 
-from cdobs_cli.bounds.points import high_points, point_balls
-from cdobs_cli.bounds.ranges import Range, known_range, range_of
+from cdobs_cli.bounds.points import high_points, largest_met
+from cdobs_cli.bounds.ranges import known_range, value_at
 from cdobs_cli.bounds.reduction import pieces
 from cdobs_cli.bounds.region import Region
-from cdobs_cli.bounds.supremum import ROUND, supremum
+from cdobs_cli.bounds.supremum import ROUND, Bounded, supremum
 from cdobs_cli.exact.expression import Call, Expression, Power
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.language import LANGUAGE
@@ -26,32 +23,20 @@ LARGEST = Fraction(10) ** 100
 _SHORT = 8
 
 
-@dataclass(frozen=True)
-class Bounded:
-    """f <= value was proved (inf: nothing). `point` is a point where f seems to exceed c; `box` what is left."""
-
-    status: Literal["proved", "undecided"]
-    value: float
-    point: Mapping[str, Fraction] | None = None
-    box: Mapping[str, tuple[float, float]] | None = None
-
-
 def bounded(function: Expression, region: Region, limit: Exact, work: int) -> Bounded:
     """Decide function <= limit over the region; the pieces share the work."""
     parts = list(pieces(function, region))
-    value, proved = -inf, True
-    box = None
+    judged = []
     for piece in parts:
-        n, size = len(piece.region.names), sum(_size(form) for form in piece.forms)
+        n, size = len(piece.region.names), sum(map(_size, piece.forms))
         cost = size * (1 + n) + 4 * len(piece.region.where) * n * (n + 2)
-        found = supremum(piece.forms, piece.region, limit, max(4 * ROUND, work // (cost * len(parts))))
-        if found.status == "exceeded":
-            return Bounded("undecided", inf, found.point)
-        value = max(value, found.bound)
-        if found.status != "proved":
-            proved = False
-            box = box or found.box
-    return Bounded("proved" if proved else "undecided", value, None, box)
+        judged.append(supremum(piece.forms, piece.region, limit, max(4 * ROUND, work // (cost * len(parts)))))
+        if judged[-1].point is not None:
+            return judged[-1]
+    left = [one for one in judged if one.status != "proved"]
+    box = next((one.box for one in left if one.box), None)
+    value = max((one.value for one in judged), default=-inf)
+    return Bounded("undecided" if left else "proved", value, None, box)
 
 
 def _size(expression: Expression) -> int:
@@ -70,15 +55,15 @@ def least_bound(function: Expression, region: Region, tolerance: float = 0.002, 
     width. Where the work does not suffice for that, the bound that was reached.
     """
     own = known_range(function, region.box)
-    met, attained = _largest(function, region)
-    if met is None or abs(met) > LARGEST:
+    best, lowest = (largest_met(side, region, high_points(side, region)) for side in (function, -function))
+    if best is None or abs(met := Fraction(best[0].lower)) > LARGEST:
         return None
-    lowest, _ = _largest(-function, region)
-    width = float(met + min(lowest, LARGEST)) if lowest is not None else 0.0
-    if isinstance(own.upper, Fraction) and _is_short(own.upper) and own.upper - met <= Fraction(max(width, 1e-9 * abs(float(met)))) / 1000:
+    width = 0.0 if lowest is None else float(met + min(Fraction(lowest[0].lower), LARGEST))
+    close = Fraction(max(width, 1e-9 * abs(float(met)))) / 1000
+    if isinstance(own.upper, Fraction) and _is_short(own.upper) and own.upper - met <= close:
         return fraction_text(own.upper)
     room = max(tolerance * width, 1e-9 * abs(float(met)), 1e-12)
-    if attained and _is_short(met):
+    if best[0].is_point and _is_short(met):
         found = bounded(function, region, Exact(met), min(TRIAL, work))
         if found.status == "proved":
             return fraction_text(met)
@@ -93,7 +78,9 @@ def least_bound(function: Expression, region: Region, tolerance: float = 0.002, 
             return limit
         if found.point is None:
             return _above(Fraction(found.value), room) if isfinite(found.value) else None
-        met = max(met, _value(function, found.point) or met)
+        higher = value_at(function, found.point).lower
+        if isinstance(higher, Fraction):
+            met = max(met, higher)
     return None
 
 
@@ -107,22 +94,3 @@ def _above(value: Fraction, room: float) -> str:
     size = abs(float(value))
     digits = 3 if size <= room else max(3, min(17, 2 + ceil(log10(size / room))))
     return upper_text(fraction_ball(value), digits)
-
-
-def _value(function: Expression, point: Mapping[str, Fraction]) -> Fraction | None:
-    ball = function.ball(point_balls(point))
-    value = Range.of_ball(ball).lower
-    return value if isinstance(value, Fraction) else None
-
-
-def _largest(function: Expression, region: Region) -> tuple[Fraction | None, bool]:
-    """The largest value met at points of the region, and whether it is the exact value there."""
-    best: Fraction | None = None
-    exact = False
-    for point in high_points(function, region):
-        if not region.holds(point):
-            continue
-        value = range_of(function, {name: Range.point(at) for name, at in point.items()})
-        if isinstance(value.lower, Fraction) and (best is None or value.lower > best):
-            best, exact = value.lower, value.is_point
-    return best, exact

@@ -7,7 +7,7 @@ its ball, point by point. Nothing is ever nan: what may be undefined is the whol
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import reduce
@@ -19,7 +19,7 @@ from flint import arb
 from numpy.typing import NDArray
 
 from cdobs_cli.exact.budget import spend
-from cdobs_cli.exact.expression import MINUS_ONE, Call, Expression, Number, Power, Variable
+from cdobs_cli.exact.expression import Call, Expression, Number, Power, Variable, negated
 from cdobs_cli.exact.functions import exact_ball, fraction_ball, point_ball, power_ball
 from cdobs_cli.exact.language import LANGUAGE, Function
 from cdobs_cli.exact.precision import precision
@@ -57,11 +57,6 @@ def negate(a: Ends) -> Ends:
     return -a[1], -a[0]
 
 
-def _product(a: Array, b: Array) -> Array:
-    value = a * b
-    return np.where((a == 0) | (b == 0), 0.0, value)
-
-
 def multiply(a: Ends, b: Ends) -> Ends:
     """a b; 0 times anything is the exact 0."""
     spend(20 + len(a[0]) // 8)
@@ -71,8 +66,9 @@ def multiply(a: Ends, b: Ends) -> Ends:
     low = np.minimum(np.minimum(parts[0], parts[1]), np.minimum(parts[2], parts[3]))
     high = np.maximum(np.maximum(parts[0], parts[1]), np.maximum(parts[2], parts[3]))
     lower, upper = _down(low), _up(high)
-    rows = np.flatnonzero((low == 0) | (high == 0))
-    if len(rows):
+    zero = (low == 0) | (high == 0)
+    if zero.any():
+        rows = zero.nonzero()[0]
         # A zero stays exact where every zero product has a zero factor, and is not an underflow.
         exact = np.ones(len(rows), dtype=bool)
         for part, (x, y) in zip(parts, ((x, y) for x in a for y in b), strict=True):
@@ -87,11 +83,10 @@ def inverse(a: Ends) -> Ends:
     low, high = a
     one_low, one_high = _down(1 / high), _up(1 / low)
     positive, negative = (low >= 0) & (high > 0), (high <= 0) & (low < 0)
-    lower = np.where(positive & (low > 0) | negative & (high < 0), one_low, np.where(positive, one_low, -inf))
-    upper = np.where(positive & (low > 0) | negative & (high < 0), one_high, np.where(negative, one_high, inf))
-    lower = np.where(np.isinf(high) & positive, 0.0, lower)
-    upper = np.where(np.isinf(low) & negative, 0.0, upper)
-    return lower, upper
+    away = positive & (low > 0) | negative & (high < 0)
+    lower = np.where(away | positive, one_low, -inf)
+    upper = np.where(away | negative, one_high, inf)
+    return np.where(np.isinf(high) & positive, 0.0, lower), np.where(np.isinf(low) & negative, 0.0, upper)
 
 
 def hull(a: Ends, b: Ends) -> Ends:
@@ -111,32 +106,24 @@ def whole(power: Ends, exponent: int) -> Ends:
     if exponent < 0:
         return inverse(whole(power, -exponent))
     if exponent % 2 == 1:
-        low, high = power
-        magnitude = _nonnegative_power(absolute((low, low)), exponent), _nonnegative_power(absolute((high, high)), exponent)
-        return (
-            np.where(low >= 0, magnitude[0][0], -magnitude[0][1]),
-            np.where(high >= 0, magnitude[1][1], -magnitude[1][0]),
-        )
+        sizes = [_nonnegative_power(absolute((end, end)), exponent) for end in power]
+        low, high = (np.where(power[k] >= 0, sizes[k][k], -sizes[k][1 - k]) for k in (0, 1))
+        return low, high
     return _nonnegative_power(absolute(power), exponent)
 
 
 def _nonnegative_power(a: Ends, exponent: int) -> Ends:
-    result: Ends | None = None
-    square = a
-    while exponent:
-        if exponent & 1:
-            result = square if result is None else _nonnegative_product(result, square)
-        exponent >>= 1
-        if exponent:
-            square = _nonnegative_product(square, square)
-    assert result is not None
-    return result
+    if exponent == 1:
+        return a
+    half = _nonnegative_power(a, exponent // 2)
+    square = _nonnegative_product(half, half)
+    return _nonnegative_product(a, square) if exponent % 2 else square
 
 
 def _nonnegative_product(a: Ends, b: Ends) -> Ends:
-    low, high = _product(a[0], b[0]), _product(a[1], b[1])
-    zero = (a[1] == 0) | (b[1] == 0)
-    return np.maximum(_down(low), 0.0), np.where(zero, 0.0, _up(high))
+    zeros = [(x == 0) | (y == 0) for x, y in zip(a, b, strict=True)]
+    low, high = (np.where(zero, 0.0, x * y) for zero, x, y in zip(zeros, a, b, strict=True))
+    return np.maximum(_down(low), 0.0), np.where(zeros[1], 0.0, _up(high))
 
 
 def outside(value: arb) -> tuple[float, float]:
@@ -243,15 +230,11 @@ def _cornered(function: Function, shape: Cornered) -> Callable[..., Ends]:
     return ends
 
 
-def _sides(x: Ends) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Where x >= 0 and where x <= 0 almost everywhere on the box, see ranges.py."""
-    kink = (x[0] == 0) & (x[1] == 0)
-    return (x[0] >= 0) & ~kink, (x[1] <= 0) & ~kink
-
-
 def _chosen(condition: Ends, above: Ends, below: Ends) -> Ends:
-    """Above or below, by the side; their hull where it is not known."""
-    over, under = _sides(condition)
+    """Above or below, by the side on which the box is almost everywhere (see ranges.py); their hull where it is on
+    both."""
+    kink = (condition[0] == 0) & (condition[1] == 0)
+    over, under = (condition[0] >= 0) & ~kink, (condition[1] <= 0) & ~kink
     both = hull(above, below)
     low, high = (np.where(over, above[k], np.where(under, below[k], both[k])) for k in (0, 1))
     return low, high
@@ -265,10 +248,9 @@ def maximum(a: Ends, b: Ends) -> Ends:
     return np.maximum(a[0], b[0]), np.maximum(a[1], b[1])
 
 
-def constant(value: arb, count: int) -> Ends:
-    """A number as the nearest floats outside."""
-    low, high = outside(value)
-    return np.full(count, low), np.full(count, high)
+def full(ends: tuple[float, float], count: int) -> Ends:
+    """The same interval everywhere."""
+    return np.full(count, ends[0]), np.full(count, ends[1])
 
 
 @dataclass(slots=True)
@@ -279,14 +261,17 @@ class Jet:
     gradient: dict[int, Ends] = field(default_factory=dict)
 
 
-def _chain(parts: Sequence[tuple[Ends, Jet]]) -> dict[int, Ends]:
-    """sum_k slope_k gradient_k."""
+def _summed(gradients: Iterable[Mapping[int, Ends]]) -> dict[int, Ends]:
     total: dict[int, Ends] = {}
-    for slope, jet in parts:
-        for index, gradient in jet.gradient.items():
-            term = multiply(slope, gradient)
-            total[index] = add(total[index], term) if index in total else term
+    for gradient in gradients:
+        for index, part in gradient.items():
+            total[index] = add(total[index], part) if index in total else part
     return total
+
+
+def _chain(parts: Iterable[tuple[Ends, Jet]]) -> dict[int, Ends]:
+    """sum_k slope_k gradient_k."""
+    return _summed({index: multiply(slope, part) for index, part in jet.gradient.items()} for slope, jet in parts)
 
 
 class Evaluator:
@@ -332,11 +317,11 @@ def _jet(node: Expression, memo: Mapping[Expression, Jet], count: int) -> Jet:
     if isinstance(node, Power):
         return _power_jet(memo[node.base], node.exponent)
     if isinstance(node, Call):
-        if node.function == "multiply" and node.children[0] == MINUS_ONE:
-            x = memo[node.children[1]]
+        if (inner := negated(node)) is not None:
+            x = memo[inner]
             return Jet(negate(x.value), {index: negate(part) for index, part in x.gradient.items()})
         return _RULES[node.function](*(memo[child] for child in node.children))
-    return Jet(constant(exact_ball(node), count))
+    return Jet(full(outside(exact_ball(node)), count))
 
 
 def _through(expression: Expression, memo: dict[Expression, Jet]) -> Jet:
@@ -351,16 +336,13 @@ def _power_jet(x: Jet, exponent: Fraction) -> Jet:
     value = rational_power(x.value, exponent)
     if not x.gradient:
         return Jet(value)
-    factor = constant(fraction_ball(exponent), len(value[0]))
+    factor = full(outside(fraction_ball(exponent)), len(value[0]))
     below = rational_power(x.value, exponent - 1) if exponent != 1 else None
     return Jet(value, _chain([(factor if below is None else multiply(factor, below), x)]))
 
 
 def _add(a: Jet, b: Jet) -> Jet:
-    gradient = dict(a.gradient)
-    for index, part in b.gradient.items():
-        gradient[index] = add(gradient[index], part) if index in gradient else part
-    return Jet(add(a.value, b.value), gradient)
+    return Jet(add(a.value, b.value), _summed([a.gradient, b.gradient]))
 
 
 def _multiply(a: Jet, b: Jet) -> Jet:
@@ -370,7 +352,8 @@ def _multiply(a: Jet, b: Jet) -> Jet:
 def _divide(a: Jet, b: Jet) -> Jet:
     one_over = inverse(b.value)
     value = multiply(a.value, one_over)
-    return Jet(value, _chain([(one_over, a), (negate(multiply(a.value, whole(one_over, 2))), b)]))
+    slope = negate(multiply(a.value, whole(one_over, 2)))
+    return Jet(value, _chain([(one_over, a), (slope, b)]))
 
 
 def _smooth(function: Function) -> Callable[..., Jet]:

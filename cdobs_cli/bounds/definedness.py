@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 
 from cdobs_cli.bounds.bounded import TRIAL, bounded, least_bound
-from cdobs_cli.bounds.points import high_points
-from cdobs_cli.bounds.ranges import Range, range_of
-from cdobs_cli.bounds.region import Region, point_text
-from cdobs_cli.certificate import Claim, Status, Witness
+from cdobs_cli.bounds.points import high_points, largest_met
+from cdobs_cli.bounds.ranges import ZERO_POINT, Point, Range, range_of, value_at
+from cdobs_cli.bounds.region import Region, point_witness
+from cdobs_cli.certificate import Claim, Status
 from cdobs_cli.exact.expression import Call, Expression, Power
 from cdobs_cli.exact.language import LANGUAGE, Need
-from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.exact.numbers import EXACT_ZERO, Exact
 
 _SIGNS: dict[Need, str] = {"nonzero": "!= 0", "positive": "> 0", "nonnegative": ">= 0"}
 
@@ -24,7 +24,7 @@ class Definedness:
 
     status: Status
     condition: str | None = None
-    point: Mapping[str, Fraction] | None = None
+    point: Point | None = None
 
 
 def conditions(expression: Expression) -> Iterator[tuple[Expression, Need]]:
@@ -51,60 +51,58 @@ def defined(expression: Expression, region: Region) -> Definedness:
     return Definedness("undecided", open_condition) if open_condition else Definedness("proved")
 
 
-def _holds(g: Expression, need: Need, region: Region) -> tuple[Status, Mapping[str, Fraction] | None]:
+def is_total(expression: Expression) -> bool:
+    """Whether nothing in its form could be undefined."""
+    return next(conditions(expression), None) is None
+
+
+def _holds(g: Expression, need: Need, region: Region) -> tuple[Status, Point | None]:
     own = range_of(g, region.box)
     if own.lower > 0 or (need == "nonnegative" and own.lower >= 0) or (need == "nonzero" and own.upper < 0):
         return "proved", None
-    low, low_at = _least(g, region)
-    if low is None or low_at is None:
+    least = _least(g, region)
+    if least is None:
         return "undecided", None
+    low, low_at = least
     if need == "nonnegative":
-        if low.upper < 0:
-            return "refuted", low_at
-        return bounded(-g, region, Exact(0), TRIAL).status, None
+        return ("refuted", low_at) if low.upper < 0 else (bounded(-g, region, EXACT_ZERO, TRIAL).status, None)
     if need == "positive" or low.lower > 0:
-        return ("refuted", low_at) if low.upper <= 0 else _positive(g, low, region)
-    if low.is_point and low.lower == 0:
+        return ("refuted", low_at) if low.upper <= 0 else (_positive(g, low, region), None)
+    if low == ZERO_POINT:
         return "refuted", low_at
-    high, high_at = _least(-g, region)
-    if high is None or high_at is None:
+    highest = _least(-g, region)
+    if highest is None:
         return "undecided", None
-    if high.is_point and high.lower == 0:
+    high, high_at = highest
+    if high == ZERO_POINT:
         return "refuted", high_at
     if low.upper < 0 and high.upper < 0:
         # Both signs occur, and the region is convex: g vanishes in between.
         return "refuted", _zero_between(g, low_at, high_at)
-    return _positive(-g, high, region) if low.upper < 0 else ("undecided", None)
+    return _positive(-g, high, region) if low.upper < 0 else "undecided", None
 
 
-def _positive(g: Expression, least: Range, region: Region) -> tuple[Status, None]:
+def _positive(g: Expression, least: Range, region: Region) -> Status:
     """g >= part of the least value met, hence g > 0."""
-    for part in (Fraction(1, 2), Fraction(1, 100)):
-        limit = -part * Fraction(least.lower)
-        if limit < 0 and bounded(-g, region, Exact(limit), TRIAL).status == "proved":
-            return "proved", None
-    return "undecided", None
+    limits = (Exact(-part * Fraction(least.lower)) for part in (Fraction(1, 2), Fraction(1, 100)))
+    held = (limit.sign() == -1 and bounded(-g, region, limit, TRIAL).status == "proved" for limit in limits)
+    return "proved" if any(held) else "undecided"
 
 
-def _least(g: Expression, region: Region) -> tuple[Range | None, Mapping[str, Fraction] | None]:
+def _least(g: Expression, region: Region) -> tuple[Range, Point] | None:
     """The least value met at points of the region."""
-    best, at = None, None
-    for point in _with_round_ones(high_points(-g, region)):
-        if region.holds(point):
-            value = range_of(g, {name: Range.point(end) for name, end in point.items()})
-            if value.is_finite and (best is None or value.upper < best.upper):
-                best, at = value, point
-    return best, at
+    met = largest_met(-g, region, _with_round_ones(high_points(-g, region)))
+    return None if met is None else (-met[0], met[1])
 
 
-def _with_round_ones(points: Iterable[Mapping[str, Fraction]]) -> Iterator[Mapping[str, Fraction]]:
+def _with_round_ones(points: Iterable[Point]) -> Iterator[Point]:
     """Each point, and what it is to two decimals: zeros that g only touches lie there."""
     for point in points:
         yield point
         yield {name: round(at, 2) for name, at in point.items()}
 
 
-def _zero_between(g: Expression, a: Mapping[str, Fraction], b: Mapping[str, Fraction]) -> Mapping[str, Fraction]:
+def _zero_between(g: Expression, a: Point, b: Point) -> Point:
     """A point next to a zero of g on the segment from a to b (the zero itself where bisection meets it)."""
 
     def along(t: Fraction) -> dict[str, Fraction]:
@@ -113,14 +111,14 @@ def _zero_between(g: Expression, a: Mapping[str, Fraction], b: Mapping[str, Frac
     low, high = Fraction(0), Fraction(1)
     for _ in range(40):
         middle = (low + high) / 2
-        value = range_of(g, {name: Range.point(end) for name, end in along(middle).items()})
-        if value.is_point and value.lower == 0:
+        value = value_at(g, along(middle))
+        if value == ZERO_POINT:
             return along(middle)
         low, high = (middle, high) if value.upper < 0 else (low, middle)
     return along(low)
 
 
-def bounded_away(g: Expression, region: Region) -> tuple[Status, Fraction | None, Mapping[str, Fraction] | None]:
+def bounded_away(g: Expression, region: Region) -> tuple[Status, Fraction | None, Point | None]:
     """Whether |g| >= some c > 0 over the region; c, or a point next to which g is 0."""
     status, point = _holds(g, "nonzero", region)
     if status != "proved":
@@ -136,13 +134,9 @@ def bounded_away(g: Expression, region: Region) -> tuple[Status, Fraction | None
 def defined_claim(found: tuple[Definedness, ...], region: Region, what: str = "phi") -> Claim:
     """The required premise `defined`: every component has a value all over the domain."""
     worst = next((one for s in ("refuted", "undecided") for one in found if one.status == s), Definedness("proved"))
-    text = f"{what} is defined for {region.text()}"
-    if worst.status == "refuted":
-        text += f": {worst.condition} fails"
-    elif worst.status == "undecided":
-        text += f": {worst.condition} could not be decided"
-    witness = Witness("point", "plant", data={"point": point_text(worst.point)}) if worst.point else None
+    left = {"proved": "", "refuted": f": {worst.condition} fails"}
+    open_one = f": {worst.condition} could not be decided"
     return Claim(
-        "defined", "premise", worst.status, text, "cdobs, the typed expression", required=True, method="branch and bound",
-        witness=witness,
+        "defined", "premise", worst.status, f"{what} is defined for {region.text()}{left.get(worst.status, open_one)}",
+        "cdobs, the typed expression", required=True, method="branch and bound", witness=point_witness(worst.point),
     )  # fmt: skip

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from fractions import Fraction
 
-from cdobs_cli.bounds.points import high_points, point_balls
-from cdobs_cli.bounds.region import Region
+from cdobs_cli.bounds.points import high_points
+from cdobs_cli.bounds.ranges import Point
+from cdobs_cli.bounds.region import Region, point_balls
 from cdobs_cli.certificate import Status
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.rational import is_zero, simplify
@@ -18,7 +17,7 @@ class Comparison:
     """proved: the same; refuted: they differ at `point` of the region."""
 
     status: Status
-    point: Mapping[str, Fraction] | None = None
+    point: Point | None = None
 
 
 def compared(a: Expression, b: Expression, region: Region) -> Comparison:

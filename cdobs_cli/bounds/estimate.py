@@ -13,20 +13,20 @@ Otherwise it is `open`, and nothing is proved of the observer.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from typing import Any, Literal
+from typing import Literal
 
 from flint import arb
 
-from cdobs_cli.bounds.definedness import conditions, defined
-from cdobs_cli.bounds.ranges import range_of
+from cdobs_cli.bounds.definedness import defined, is_total
+from cdobs_cli.bounds.ranges import Range, range_of
 from cdobs_cli.bounds.region import Region
-from cdobs_cli.bounds.slopes import decide
+from cdobs_cli.bounds.slopes import claimed, decide, varying
 from cdobs_cli.certificate import Claim, Status
 from cdobs_cli.design import Confinement
-from cdobs_cli.exact.expression import ZERO, Expression
+from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, upper_text
 from cdobs_cli.plant import Box, Domain, Interval, Plant
 
@@ -65,65 +65,39 @@ def _is_continued(plant: Plant) -> bool:
 
 def _symmetric(start: Box) -> Box:
     """The smallest box of errors round 0 that holds these."""
-    sizes = []
-    for low, high in zip(start.lower, start.upper, strict=True):
-        below = -low if low.sign() == -1 else low
-        above = -high if high.sign() == -1 else high
-        sizes.append(above if (above - below).sign() == 1 else below)
+    moduli = [tuple(map(_modulus, ends)) for ends in zip(start.lower, start.upper, strict=True)]
+    sizes = [above if (above - below).sign() == 1 else below for below, above in moduli]
     return Box(tuple(-size for size in sizes), tuple(sizes))
+
+
+def _modulus(value: Exact) -> Exact:
+    return -value if value.sign() == -1 else value
 
 
 def holds_everywhere(plant: Plant) -> bool:
     """Whether phi is defined and its slopes hold for every state: by the ranges of the functions alone."""
     region = Region.of(replace(plant, domain=Domain()))
-    for phi in plant.phi:
-        if set(plant.states) & phi.variables and any(True for _ in conditions(phi)):
-            return False
-    return all(_within(range_of(slope, region.box), low, high) for slope, low, high in _claimed(plant))
+    if any(set(plant.states) & phi.variables and not is_total(phi) for phi in plant.phi):
+        return False
+    return all(_is_between(range_of(slope, region.box), low, high) for slope, low, high in claimed(plant))
 
 
-def _within(values: Any, low: Exact, high: Exact) -> bool:
+def _is_between(values: Range, low: Exact, high: Exact) -> bool:
     if not values.is_finite:
         return False
-    below, above = Exact(Fraction(values.lower)) - low, high - Exact(Fraction(values.upper))
-    return below.sign() in (0, 1) and above.sign() in (0, 1)
+    return low.is_at_most(Exact(Fraction(values.lower))) and Exact(Fraction(values.upper)).is_at_most(high)
 
 
-def _slopes_hold(plant: Plant) -> bool:
-    """Whether phi is defined and its slopes are proved all over the domain."""
-    return _is_defined(plant) and all(_is_within(plant, *bound) for bound in _claimed(plant))
-
-
-def _zero_slopes_hold(plant: Plant) -> bool:
-    """Whether phi is defined, and the slopes declared to be 0 are 0, all over the domain (the family proves the other
-    ones there itself)."""
-    zeros = (slope for at, slope in _varying(plant) if at not in plant.slopes.entries)
-    return _is_defined(plant) and all(_is_within(plant, slope, EXACT_ZERO, EXACT_ZERO) for slope in zeros)
-
-
-def _is_defined(plant: Plant) -> bool:
+def _slopes_hold(plant: Plant, *, zeros: bool = False) -> bool:
+    """Whether phi is defined and its slopes are proved all over the domain: all of them, or those declared to be 0
+    (where the family proves the other ones itself)."""
     region = Region.of(plant)
-    return all(defined(phi, region).status == "proved" for phi in plant.phi if any(True for _ in conditions(phi)))
-
-
-def _claimed(plant: Plant) -> Iterator[tuple[Expression, Exact, Exact]]:
-    """Functions with the bounds that the slope class claims: entries by themselves, then those that entries share."""
-    slopes = plant.slopes
-    yield from ((slope, slopes.lower[at], slopes.upper[at]) for at, slope in _varying(plant) if at not in slopes.shared)
-    yield from ((rho.function, rho.lower, rho.upper) for rho in slopes.joint if rho.function is not None)
-
-
-def _varying(plant: Plant) -> Iterator[tuple[tuple[int, int], Expression]]:
-    """The slopes that are not identically 0, with their places."""
-    for i, phi in enumerate(plant.phi):
-        for j, name in enumerate(plant.states):
-            slope = phi.derivative(name)
-            if slope != ZERO:
-                yield (i, j), slope
-
-
-def _is_within(plant: Plant, slope: Expression, low: Exact, high: Exact) -> bool:
-    return decide(slope, low, high, Region.of(plant)).status == "proved"
+    if not all(is_total(phi) or defined(phi, region).status == "proved" for phi in plant.phi):
+        return False
+    judged: Iterable[tuple[Expression, Exact, Exact]] = claimed(plant)
+    if zeros:
+        judged = ((slope, EXACT_ZERO, EXACT_ZERO) for at, slope in varying(plant) if at not in plant.slopes.entries)
+    return all(decide(*one, region).status == "proved" for one in judged)
 
 
 def _margin_for(plant: Plant, transients: Sequence[Transient], start: Box) -> Confinement | None:
@@ -131,10 +105,8 @@ def _margin_for(plant: Plant, transients: Sequence[Transient], start: Box) -> Co
     for transient in transients:
         bounds = transient(start)
         if all(bound.is_finite() for bound in bounds):
-            margin = {
-                name: upper_text(bound * arb(_ROOM.numerator) / _ROOM.denominator, 6)
-                for name, bound in zip(plant.states, bounds, strict=True)
-            }
+            roomy = (upper_text(bound * arb(_ROOM.numerator) / _ROOM.denominator, 6) for bound in bounds)
+            margin = dict(zip(plant.states, roomy, strict=True))
             if _slopes_hold(_widened(plant, margin)):
                 ends = tuple((str(low), str(high)) for low, high in zip(start.lower, start.upper, strict=True))
                 return Confinement("margin", margin, ends)
@@ -143,17 +115,14 @@ def _margin_for(plant: Plant, transients: Sequence[Transient], start: Box) -> Co
 
 def _margin_of_its_own(plant: Plant, transients: Sequence[Transient]) -> Confinement | None:
     """A margin, and the cube of initial errors whose transient does not pass it."""
-    widths = [
-        float(ends.upper) - float(ends.lower)
-        for ends in (plant.domain.box.get(name, Interval(None, None)) for name in plant.states)
-        if ends.lower is not None and ends.upper is not None
-    ]
-    size = Fraction(f"{min([width for width in widths if width > 0], default=1.0):.3g}")
+    boxes = (plant.domain.box.get(name, Interval(None, None)) for name in plant.states)
+    ends = [(float(one.lower), float(one.upper)) for one in boxes if one.lower is not None and one.upper is not None]
+    widths = [high - low for low, high in ends if high > low]
+    size = Fraction(f"{min(widths, default=1.0):.3g}")
     for part in _PARTS:
         radius = Exact(size * part)
         cube = Box((-radius,) * plant.n, (radius,) * plant.n)
-        within = _margin_for(plant, transients, cube)
-        if within is not None:
+        if (within := _margin_for(plant, transients, cube)) is not None:
             return within
     return None
 
@@ -174,15 +143,13 @@ def _judge(plant: Plant, confinement: Confinement, transients: Sequence[Transien
         case "everywhere" if holds_everywhere(plant):
             return "proved", "the slopes hold wherever the estimate goes"
         case "continuation" if _is_continued(plant):
-            return "proved", (
-                "outside the box of the domain the observer continues phi linearly, so the slopes hold wherever the estimate goes"
-            )
-        case "cut" if _zero_slopes_hold(plant.on_box):
+            beyond = "outside the box of the domain the observer continues phi linearly"
+            return "proved", f"{beyond}, so the slopes hold wherever the estimate goes"
+        case "cut" if _slopes_hold(plant.on_box, zeros=True):
             return "proved", "the observer evaluates phi at the estimate cut to the box of the domain"
         case "margin" if _stays_within(plant, confinement, transients):
-            return "proved", (
-                f"the estimate stays within {confinement.margin_text} of the plant, and the slopes hold so far beyond {domain}"
-            )
+            within = f"the estimate stays within {confinement.margin_text} of the plant"
+            return "proved", f"{within}, and the slopes hold so far beyond {domain}"
     return "undecided", f"it is not proved that the estimate stays in {domain}, where the slopes are"
 
 
@@ -192,6 +159,7 @@ def _stays_within(plant: Plant, confinement: Confinement, transients: Sequence[T
     margin = [Exact(confinement.margin[name]).ball() for name in plant.states]
     start = confinement.initial_errors
     kept = (
-        all(bound < m or (bound == 0 and m == 0) for bound, m in zip(transient(start), margin, strict=True)) for transient in transients
-    )
+        all(bound < m or (bound == 0 and m == 0) for bound, m in zip(transient(start), margin, strict=True))
+        for transient in transients
+    )  # fmt: skip
     return any(kept) and _slopes_hold(_widened(plant, confinement.margin))

@@ -7,14 +7,15 @@ Lipschitz (x' = -sqrt(max(-x, 0)) is tangent at 0 and still leaves [0, 1]).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 
 from cdobs_cli.bounds.bounded import TRIAL, bounded
-from cdobs_cli.bounds.definedness import conditions, defined
-from cdobs_cli.bounds.points import high_points, point_balls
-from cdobs_cli.bounds.region import Region, point_text
+from cdobs_cli.bounds.definedness import defined, is_total
+from cdobs_cli.bounds.points import high_points
+from cdobs_cli.bounds.ranges import Point
+from cdobs_cli.bounds.region import Region, point_balls, point_witness
 from cdobs_cli.certificate import Claim, Status, Witness
 from cdobs_cli.exact.expression import ZERO, Expression, Number, Variable
 from cdobs_cli.exact.numbers import EXACT_ZERO
@@ -41,11 +42,7 @@ def faces(plant: Plant) -> Iterator[Face]:
     """Every finite side of the domain, with the outward speed  n(x)' (A x + phi + B u + d)."""
     region = Region.of(plant)
     if plant.disturbance is not None:
-        ends = {
-            f"d.{i}": Interval(low, high)
-            for i, (low, high) in enumerate(zip(plant.disturbance.lower, plant.disturbance.upper, strict=True))
-        }
-        region = Region.made({**region.ends, **ends}, (*region.names, *ends), region.where)
+        region = region.beside([f"d.{i}" for i in range(plant.n)], plant.disturbance)
     f = dict(zip(plant.states, plant.right_hand_side(disturbed=True), strict=True))
     for name, interval in plant.domain.box.items():
         for end, outward in ((interval.lower, -f[name]), (interval.upper, f[name])):
@@ -53,27 +50,24 @@ def faces(plant: Plant) -> Iterator[Face]:
                 side = Region.made({**region.ends, name: Interval(end, end)}, region.names, region.where)
                 yield Face(f"{name} = {end}", side, outward)
     for k, w in enumerate(plant.domain.where):
-        outward = ZERO
-        for name in plant.states:
-            outward = outward - w.derivative(name) * f[name]
+        outward = sum((-w.derivative(name) * f[name] for name in plant.states), ZERO)
         name = next(name for name in plant.states if simplify(w.derivative(name)) != ZERO)
         solved = simplify(-w.substitute({name: ZERO}) / w.derivative(name))
-        others = tuple(v for j, v in enumerate(region.where) if j != k)
-        limits = _limits(region.ends.get(name), Variable(name))
-        where = tuple(simplify(v.substitute({name: solved})) for v in (*others, *limits))
-        rest = {other: ends for other, ends in region.ends.items() if other != name}
-        side = Region.made(
-            rest, tuple(other for other in region.names if other != name), tuple(v for v in where if not isinstance(v, Number))
-        )
+        ends = dict(region.ends)
+        limits = _limits(ends.pop(name, None), Variable(name))
+        others = (*(v for j, v in enumerate(region.where) if j != k), *limits)
+        where = (simplify(v.substitute({name: solved})) for v in others)
+        names = tuple(other for other in region.names if other != name)
+        side = Region.made(ends, names, tuple(v for v in where if not isinstance(v, Number)))
         yield Face(f"{w} = 0", side, outward.substitute({name: solved}), (name, solved))
 
 
-def _limits(interval: Interval | None, variable: Expression) -> tuple[Expression, ...]:
-    if interval is None:
-        return ()
-    low = () if interval.lower is None else (variable - interval.lower.expression,)
-    high = () if interval.upper is None else (interval.upper.expression - variable,)
-    return low + high
+def _limits(interval: Interval | None, variable: Expression) -> Iterator[Expression]:
+    """What is >= 0 in the interval."""
+    if interval is not None and interval.lower is not None:
+        yield variable - interval.lower.expression
+    if interval is not None and interval.upper is not None:
+        yield interval.upper.expression - variable
 
 
 def domain_invariant(plant: Plant) -> Claim:
@@ -88,8 +82,8 @@ def domain_invariant(plant: Plant) -> Claim:
     for face in faces(plant):
         found = _leaving(face)
         if found is not None:
-            witness = Witness("point", "plant", data={"point": point_text(found), "side": face.name})
-            return _claim(plant, "refuted", f"solutions leave through {face.name}", witness)
+            leaves = f"solutions leave through {face.name}"
+            return _claim(plant, "refuted", leaves, point_witness(found, side=face.name))
         speed = bounded(face.outward, face.region, EXACT_ZERO, TRIAL)
         if speed.status != "proved":
             open_sides.append(face.name)
@@ -108,7 +102,7 @@ def _is_lipschitz_around(plant: Plant) -> bool:
     typed, are proved to be defined there (at kinks the Clarke gradient is)."""
     f = plant.right_hand_side()
     judged = dict.fromkeys([*f, *(one.derivative(name) for one in f for name in plant.states)])
-    smooth = [one for one in judged if any(True for _ in conditions(one))]
+    smooth = [one for one in judged if not is_total(one)]
     for part in _BEYOND if smooth else ():
         region = Region.of(plant.widened({name: _room(plant, name) * part for name in plant.states}))
         if all(defined(one, region).status == "proved" for one in smooth):
@@ -125,7 +119,7 @@ def _room(plant: Plant, name: str) -> Fraction:
     return ends[1] - ends[0]
 
 
-def _leaving(face: Face) -> Mapping[str, Fraction] | None:
+def _leaving(face: Face) -> Point | None:
     for point in high_points(face.outward, face.region):
         if face.outward.ball(point_balls(point)) > 0 and face.region.holds(point):
             if face.solved is None:

@@ -3,7 +3,8 @@
     phi(x_hat, u) - phi(x, u) = V e,    V = integral_0^1 Dphi(x + s e, u) ds
 
 lies in the closed convex hull of Dphi over the (convex) domain, jointly in all entries: at one point for all of them.
-Each entry is split into a sum of terms with rational coefficients; terms that always come in the same proportion are one
+Each entry is split into a sum of terms with rational coefficients; terms that always come in the same proportion are
+one
 function, and where the entries are fewer than the functions so found, entries themselves serve.
 """
 

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from fractions import Fraction
+from functools import reduce
 from math import inf
-from typing import TYPE_CHECKING
 
-from flint import arb
+import numpy as np
+from numpy.typing import NDArray
 
+from cdobs_cli.bounds.ranges import Point, Range, value_at
 from cdobs_cli.bounds.region import Region
 from cdobs_cli.exact.budget import spend
 from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.exact.expression import Expression
-from cdobs_cli.exact.functions import fraction_ball
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
+Array = NDArray[np.float64]
 _FIRST = 2048
 _ROUNDS = 12
 
@@ -30,8 +28,6 @@ def high_points(expression: Expression, region: Region) -> Iterator[dict[str, Fr
     round the best one. Deterministic. Yields the best point in short and in full decimals; nothing where no
     point of the region was met.
     """
-    import numpy as np
-
     names = region.names
     if not names:
         yield {}
@@ -39,15 +35,15 @@ def high_points(expression: Expression, region: Region) -> Iterator[dict[str, Fr
     function = compile_floats((expression, *region.where), names, arrays=True)
     random = np.random.default_rng(20)
 
-    def judged(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    def judged(points: Array) -> Array:
         with np.errstate(all="ignore"):
-            value, *limits = (np.broadcast_to(np.asarray(v, dtype=float), points.shape[:1]) for v in function(*points.T))
-        value = np.where(np.isfinite(value), value, -inf)
-        for limit in limits:
-            value = np.where(limit >= -1e-15, value, -inf)
-        return value
+            columns = (np.asarray(column, dtype=float) for column in function(*points.T))
+            value, *limits = (np.broadcast_to(column, points.shape[:1]) for column in columns)
+        inside = reduce(np.logical_and, (limit >= -1e-15 for limit in limits), np.isfinite(value))
+        return np.where(inside, value, -inf)
 
-    low, high = _float_ends(region)
+    ends = np.array([(float(one.lower), float(one.upper)) for one in region.box.values()])
+    low, high = ends.T
     points = _scattered(region, random, _FIRST)
     points = np.vstack([points, _pushed_inside(points[: _FIRST // 4], region, low, high)])
     values = judged(points)
@@ -66,13 +62,12 @@ def high_points(expression: Expression, region: Region) -> Iterator[dict[str, Fr
         yield {name: Fraction(float(value)) for name, value in zip(names, best, strict=True)}
 
 
-def _pushed_inside(points: NDArray[np.float64], region: Region, low: NDArray[np.float64], high: NDArray[np.float64]) -> NDArray[np.float64]:
+def _pushed_inside(points: Array, region: Region, low: Array, high: Array) -> Array:
     """Points moved onto the limits that they violate, in turn: met where a region is a small part of its box."""
-    import numpy as np
-
     if not region.where:
         return points[:0]
-    slopes = compile_floats([w.derivative(name) for w in region.where for name in region.names], region.names, arrays=True)
+    rates = [w.derivative(name) for w in region.where for name in region.names]
+    slopes = compile_floats(rates, region.names, arrays=True)
     spend(3000 * len(region.where))
     limits = [compile_floats((w,), region.names, arrays=True) for w in region.where]
     with np.errstate(all="ignore"):
@@ -80,7 +75,8 @@ def _pushed_inside(points: NDArray[np.float64], region: Region, low: NDArray[np.
         for _ in range(40):
             for k, normal in enumerate(normals):
                 violation = np.minimum(0.0, np.broadcast_to(limits[k](*points.T)[0], points.shape[:1]))
-                points = np.clip(points - 1.01 * violation[:, None] * normal / max(float(normal @ normal), 1e-300), low, high)
+                step = violation[:, None] * normal / max(float(normal @ normal), 1e-300)
+                points = np.clip(points - 1.01 * step, low, high)
     return points[np.all(np.isfinite(points), axis=1)]
 
 
@@ -92,18 +88,7 @@ def _near(value: float, digits: int, region: Region, name: str) -> Fraction:
     return Fraction(f"{value:.{digits}g}")
 
 
-def _float_ends(region: Region) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    import numpy as np
-
-    return (
-        np.array([float(ends.lower) for ends in region.box.values()]),
-        np.array([float(ends.upper) for ends in region.box.values()]),
-    )
-
-
-def _scattered(region: Region, random: np.random.Generator, count: int) -> NDArray[np.float64]:
-    import numpy as np
-
+def _scattered(region: Region, random: np.random.Generator, count: int) -> Array:
     columns = []
     for ends in region.box.values():
         if ends.is_finite:
@@ -127,6 +112,8 @@ def _scattered(region: Region, random: np.random.Generator, count: int) -> NDArr
     return np.array(columns).reshape(len(region.box), count).T
 
 
-def point_balls(point: Mapping[str, Fraction]) -> dict[str, arb]:
-    """The point for `Expression.ball`."""
-    return {name: fraction_ball(value) for name, value in point.items()}
+def largest_met(function: Expression, region: Region, points: Iterable[Point]) -> tuple[Range, Point] | None:
+    """The largest value met at those of the points that are in the region, and its point."""
+    values = [(value_at(function, point), point) for point in points if region.holds(point)]
+    known = (one for one in values if isinstance(one[0].lower, Fraction))
+    return max(known, key=lambda one: one[0].lower, default=None)

@@ -12,17 +12,18 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
 from itertools import product
-from math import inf
+from math import ceil, floor, inf
 
 from flint import arb
 
-from cdobs_cli.exact.expression import Call, Expression, Number, Power, Variable
+from cdobs_cli.exact.expression import Expression, Number, Variable
 from cdobs_cli.exact.functions import exact_ball, fraction_ball, point_ball, power_ball
 from cdobs_cli.exact.language import LANGUAGE, Function
 from cdobs_cli.exact.numbers import clipped
 from cdobs_cli.exact.rational import simplify
 from cdobs_cli.exact.shapes import Cornered, End, Monotone, Periodic
 
+Point = Mapping[str, Fraction]
 _MAX_BITS = 1200
 _KEPT_BITS = 400
 
@@ -64,7 +65,7 @@ class Range:
         return Range(min(self.lower, other.lower), max(self.upper, other.upper))
 
 
-LINE = Range(-inf, inf)
+LINE, ZERO_POINT = Range(-inf, inf), Range.point(0)
 
 
 def _short(value: Range) -> Range:
@@ -73,11 +74,8 @@ def _short(value: Range) -> Range:
     def cut(end: End, up: bool) -> End:
         if not isinstance(end, Fraction) or end.numerator.bit_length() + end.denominator.bit_length() < _MAX_BITS:
             return end
-        shift = _KEPT_BITS - end.numerator.bit_length() + end.denominator.bit_length()
-        scaled = end * Fraction(2) ** shift
-        return (
-            Fraction(-((-scaled.numerator) // scaled.denominator) if up else scaled.numerator // scaled.denominator) / Fraction(2) ** shift
-        )
+        unit = Fraction(2) ** (_KEPT_BITS - end.numerator.bit_length() + end.denominator.bit_length())
+        return Fraction(ceil(end * unit) if up else floor(end * unit)) / unit
 
     return Range(cut(value.lower, False), cut(value.upper, True))
 
@@ -236,12 +234,11 @@ def _jump(above: Number, below: Number) -> Callable[[Range], Range]:
     return ends
 
 
-def _minimum(a: Range, b: Range) -> Range:
-    return Range(min(a.lower, b.lower), min(a.upper, b.upper))
+def _each(choice: Callable[[End, End], End]) -> Callable[[Range, Range], Range]:
+    return lambda a, b: Range(choice(a.lower, b.lower), choice(a.upper, b.upper))
 
 
-def _maximum(a: Range, b: Range) -> Range:
-    return Range(max(a.lower, b.lower), max(a.upper, b.upper))
+_minimum, _maximum = _each(min), _each(max)
 
 
 # What has no shape, and kinks, of which a shape gives only the gradient.
@@ -267,24 +264,28 @@ def _rule(function: Function) -> Callable[..., Range]:
     return _RULES[function.name] if function.jump is None else _jump(*function.jump)
 
 
-RANGE_FUNCTIONS: dict[str, Callable[..., Range]] = {name: _rule(function) for name, function in LANGUAGE.items()}
+def _shortened(function: Function) -> Callable[..., Range]:
+    rule = _rule(function)
+    return lambda *arguments: _short(rule(*arguments))
+
+
+RANGE_FUNCTIONS: dict[str, Callable[..., Range]] = {name: _shortened(one) for name, one in LANGUAGE.items()}
 
 
 def range_of(expression: Expression, box: Mapping[str, Range]) -> Range:
     """An enclosure of the values of `expression` where each variable lies in its range."""
-    memo: dict[Expression, Range] = {}
-    for node in expression.walk():
+
+    def leaf(node: Expression) -> Range:
         if isinstance(node, Variable):
-            memo[node] = box[node.name]
-        elif isinstance(node, Number):
-            memo[node] = Range.point(node.value)
-        elif isinstance(node, Power):
-            memo[node] = _short(_power(memo[node.base], node.exponent))
-        elif isinstance(node, Call):
-            memo[node] = _short(RANGE_FUNCTIONS[node.function](*(memo[child] for child in node.children)))
-        else:
-            memo[node] = Range.of_ball(exact_ball(node))
-    return memo[expression]
+            return box[node.name]
+        return Range.point(node.value) if isinstance(node, Number) else Range.of_ball(exact_ball(node))
+
+    return expression.read(leaf, lambda base, exponent: _short(_power(base, exponent)), RANGE_FUNCTIONS)
+
+
+def value_at(expression: Expression, point: Point) -> Range:
+    """An enclosure of the value at a rational point, exact where that is rational by the rules above."""
+    return range_of(expression, {name: Range.point(at) for name, at in point.items()})
 
 
 def known_range(expression: Expression, box: Mapping[str, Range]) -> Range:

@@ -16,7 +16,7 @@ from flint import arb
 
 from cdobs_cli.bounds.ranges import Range, range_of
 from cdobs_cli.bounds.region import Region
-from cdobs_cli.exact.expression import ONE, ZERO, Call, Expression, Number, Power, Variable, call, power
+from cdobs_cli.exact.expression import ONE, ZERO, Call, Expression, Number, Variable, power
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.language import LANGUAGE
 from cdobs_cli.exact.rational import simplify
@@ -45,50 +45,26 @@ def pieces(function: Expression, region: Region) -> Iterator[Piece]:
 
 def _between_kinks(function: Expression, region: Region, depth: int = MAX_KINKS) -> Iterator[tuple[Expression, Region]]:
     """Parts on which no affine g changes sign inside sign, step, abs, min or max."""
-    argument = next((g for g in map(_kink, function.walk()) if g is not None and _is_affine(g)), None)
-    if argument is None or depth == 0:
+    shapes = ((node, _kink(node)) for node in function.walk())
+    kinks = {node: (kink, kink.condition(*node.children)) for node, kink in shapes if kink is not None}
+    g = next((g for _, g in kinks.values() if _is_affine(g)), None)
+    if g is None or depth == 0:
         yield function, region
         return
-    for side, cut in ((1, _cut(region, argument)), (-1, _cut(region, -argument))):
+    for side, cut in ((1, _cut(region, g)), (-1, _cut(region, -g))):
         if cut is not None:
-            values = {node: _branch(node, side) for node in function.walk() if _kink(node) == argument}
-            yield from _between_kinks(_replaced(function, values), cut, depth - 1)
+            chosen = {node: kink.above if side > 0 else kink.below for node, (kink, own) in kinks.items() if own == g}
+            branches = {node: branch(*node.children) for node, branch in chosen.items()}
+            yield from _between_kinks(function.replaced(branches), cut, depth - 1)
 
 
-def _shape(node: Expression) -> Kink | None:
+def _kink(node: Expression) -> Kink | None:
     shape = LANGUAGE[node.function].shape if isinstance(node, Call) else None
     return shape if isinstance(shape, Kink) else None
 
 
-def _kink(node: Expression) -> Expression | None:
-    """The g whose sign decides which branch the node is on."""
-    shape = _shape(node)
-    return None if shape is None else shape.condition(*node.children)
-
-
-def _branch(node: Expression, side: int) -> Expression:
-    """The node where its g has the given sign."""
-    shape = _shape(node)
-    assert shape is not None
-    return shape.above(*node.children) if side > 0 else shape.below(*node.children)
-
-
 def _is_affine(g: Expression) -> bool:
     return bool(g.variables) and all(not simplify(g.derivative(name)).variables for name in g.variables)
-
-
-def _replaced(expression: Expression, values: dict[Expression, Expression]) -> Expression:
-    memo: dict[Expression, Expression] = {}
-    for node in expression.walk():
-        if node in values:
-            memo[node] = values[node]
-        elif isinstance(node, Power):
-            memo[node] = power(memo[node.base], node.exponent)
-        elif isinstance(node, Call):
-            memo[node] = call(node.function, *(memo[child] for child in node.children))
-        else:
-            memo[node] = node
-    return memo[expression]
 
 
 def _cut(region: Region, g: Expression) -> Region | None:
@@ -135,7 +111,7 @@ def _rate(function: Expression, name: str) -> Fraction | None:
             rate = simplify(node.children[0].derivative(name))
             if isinstance(rate, Number):
                 rates[node] = abs(rate.value)
-    outside = _replaced(function, {node: Variable("") for node in rates})
+    outside = function.replaced({node: Variable("") for node in rates})
     if not rates or name in outside.variables or 0 in rates.values():
         return None
     # The largest rational of which every rate is a multiple.
@@ -145,29 +121,27 @@ def _rate(function: Expression, name: str) -> Fraction | None:
 
 def _tails(function: Expression, region: Region) -> list[tuple[Expression, Region]]:
     """Each unbounded variable v on [-1, 1] as it is, and as 1/t beyond."""
-    names = region.unbounded
-    if not names or len(names) > MAX_TAILS:
-        return [(function, region)]
     parts = [(function, region)]
-    for name in names:
+    for name in region.unbounded if len(region.unbounded) <= MAX_TAILS else ():
         parts = [made for smooth, part in parts for made in _folded(smooth, part, name)]
     return parts
 
 
-def _folded(function: Expression, region: Region, name: str) -> list[tuple[Expression, Region]]:
+def _folded(function: Expression, region: Region, name: str) -> Iterator[tuple[Expression, Region]]:
     ends = region.box[name]
-    low = Fraction(ends.lower) if ends.lower != -inf else min(Fraction(-1), -1 + (Fraction(ends.upper) if ends.upper != inf else 0))
-    high = Fraction(ends.upper) if ends.upper != inf else max(Fraction(1), 1 + low)
-    if any(isinstance(node, Call) and node.function == "exp" for node in function.walk()):
-        low, high = (low * 8 if ends.lower == -inf else low), (high * 8 if ends.upper == inf else high)
+    # Where an exponential is about its tails begin further out.
+    far = 8 if any(isinstance(node, Call) and node.function == "exp" for node in function.walk()) else 1
+    low = min(Fraction(-1), -1 + (Fraction(ends.upper) if ends.upper != inf else 0))
+    low = low if ends.lower == -inf else Fraction(ends.lower)
+    high = max(Fraction(1), 1 + low) if ends.upper == inf else Fraction(ends.upper)
+    low, high = (far * low if ends.lower == -inf else low), (far * high if ends.upper == inf else high)
     inverted = simplify(function.substitute({name: ONE / Variable(name)}))
     outside = replace(region, relaxed=True)
-    made = [(function, _freed(region, name, Range(low, high)))]
+    yield function, _freed(region, name, Range(low, high))
     if ends.upper == inf:
-        made.append(_decaying(inverted, _freed(outside, name, Range(Fraction(0), 1 / high))))
+        yield _decaying(inverted, _freed(outside, name, Range(Fraction(0), 1 / high)))
     if ends.lower == -inf:
-        made.append(_decaying(inverted, _freed(outside, name, Range(1 / low, Fraction(0)))))
-    return made
+        yield _decaying(inverted, _freed(outside, name, Range(1 / low, Fraction(0))))
 
 
 def _decaying(function: Expression, region: Region) -> tuple[Expression, Region]:
@@ -183,7 +157,7 @@ def _decaying(function: Expression, region: Region) -> tuple[Expression, Region]
         return function, region
     most = Range.of_ball((3 / arb.const_e()) ** 3).upper
     names = {node: f"exp.{k}" for k, node in enumerate(decays)}
-    values: dict[Expression, Expression] = {node: Variable(name) / power(-node.children[0], Fraction(3)) for node, name in names.items()}
-    return simplify(_replaced(function, values)), replace(
-        region, box={**region.box, **{name: Range(Fraction(0), most) for name in names.values()}}
-    )
+    box = region.box | {name: Range(Fraction(0), most) for name in names.values()}
+    values: dict[Expression, Expression] = {}
+    values |= {node: Variable(name) / power(-node.children[0], Fraction(3)) for node, name in names.items()}
+    return simplify(function.replaced(values)), replace(region, box=box)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from math import inf
 
-from cdobs_cli.bounds.ranges import LINE, Range, range_of
+from flint import arb
+
+from cdobs_cli.bounds.ranges import LINE, Point, Range, value_at
+from cdobs_cli.certificate import Witness
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, fraction_text
-from cdobs_cli.plant import Interval, Plant
+from cdobs_cli.plant import Box, Interval, Plant, TypedDynamics
 
 
 @dataclass(frozen=True)
@@ -23,13 +25,13 @@ class Region:
     one, in other variables or without some limits, and its points say nothing.
     """
 
-    box: Mapping[str, Range]
+    box: dict[str, Range]
     ends: Mapping[str, Interval]
     where: tuple[Expression, ...] = ()
     relaxed: bool = False
 
     @staticmethod
-    def of(plant: Plant) -> Region:
+    def of(plant: Plant | TypedDynamics) -> Region:
         """All states and inputs of a plant; without a range a name has the whole line."""
         ends = dict(plant.domain.box)
         ends |= {source.name: source.range for source in plant.inputs if source.range is not None}
@@ -49,16 +51,26 @@ class Region:
         """Names without two finite ends."""
         return tuple(name for name, ends in self.box.items() if not ends.is_finite)
 
-    def holds(self, point: Mapping[str, Fraction]) -> bool:
+    def beside(self, names: Sequence[str], box: Box) -> Region:
+        """The region with more variables, in a box."""
+        ends = {name: Interval(low, high) for name, low, high in zip(names, box.lower, box.upper, strict=True)}
+        return Region.made({**self.ends, **ends}, (*self.names, *names), self.where)
+
+    def over(self, expression: Expression) -> Region:
+        """What the region says of the variables of an expression alone: their ends, and the limits on only these."""
+        names = expression.variables
+        ends = {name: interval for name, interval in self.ends.items() if name in names}
+        return Region.made(ends, tuple(sorted(names)), tuple(w for w in self.where if w.variables <= names))
+
+    def holds(self, point: Point) -> bool:
         """Whether a rational point is proved to lie in the region."""
         for name, interval in self.ends.items():
-            if interval.lower is not None and not _at_most(interval.lower, point[name]):
+            at = Exact(point[name])
+            if interval.lower is not None and not interval.lower.is_at_most(at):
                 return False
-            if interval.upper is not None and not _at_most(-interval.upper, -point[name]):
+            if interval.upper is not None and not at.is_at_most(interval.upper):
                 return False
-        values = {name: fraction_ball(value) for name, value in point.items()}
-        exact = {name: Range.point(value) for name, value in point.items()}
-        return all(w.ball(values) >= 0 or range_of(w, exact).lower >= 0 for w in self.where)
+        return all(w.ball(point_balls(point)) >= 0 or value_at(w, point).lower >= 0 for w in self.where)
 
     def text(self) -> str:
         """The region in a sentence's words."""
@@ -71,21 +83,21 @@ class Region:
 
 
 def _range(interval: Interval) -> Range:
-    def end(value: Exact | None, side: int) -> Fraction | float:
-        if value is None:
-            return side * inf
-        if value.rational is not None:
-            return value.rational
-        ball = Range.of_ball(value.ball())
-        return ball.lower if side < 0 else ball.upper
-
-    return Range(end(interval.lower, -1), end(interval.upper, 1))
+    low, high = (None if end is None else _held(end) for end in (interval.lower, interval.upper))
+    return Range(-inf if low is None else low.lower, inf if high is None else high.upper)
 
 
-def _at_most(low: Exact, value: Fraction) -> bool:
-    return low.rational <= value if low.rational is not None else bool(low.ball() <= fraction_ball(value))
+def _held(value: Exact) -> Range:
+    return Range.of_ball(value.ball()) if value.rational is None else Range.point(value.rational)
 
 
-def point_text(point: Mapping[str, Fraction]) -> dict[str, str]:
-    """A point as exact decimals or fractions."""
-    return {name: fraction_text(value) for name, value in point.items()}
+def point_balls(point: Point) -> dict[str, arb]:
+    """The point for `Expression.ball`."""
+    return {name: fraction_ball(value) for name, value in point.items()}
+
+
+def point_witness(point: Point | None, **more: str) -> Witness | None:
+    """A point of the plant's domain as a witness, in exact decimals or fractions."""
+    if point is None:
+        return None
+    return Witness("point", "plant", data={"point": {name: fraction_text(at) for name, at in point.items()}, **more})

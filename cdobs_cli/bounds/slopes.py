@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import isfinite
 
 from flint import arb
 
-from cdobs_cli.bounds.bounded import FULL, Bounded, bounded, least_bound
-from cdobs_cli.bounds.definedness import Definedness, conditions, defined, defined_claim
+from cdobs_cli.bounds.bounded import FULL, bounded, least_bound
+from cdobs_cli.bounds.definedness import Definedness, defined, defined_claim, is_total
 from cdobs_cli.bounds.invariance import domain_invariant
 from cdobs_cli.bounds.joint import joint_slopes
-from cdobs_cli.bounds.points import high_points, point_balls
-from cdobs_cli.bounds.ranges import Range, known_range, range_of
-from cdobs_cli.bounds.region import Region, point_text
+from cdobs_cli.bounds.points import high_points
+from cdobs_cli.bounds.ranges import Point, known_range, value_at
+from cdobs_cli.bounds.region import Region, point_balls, point_witness
+from cdobs_cli.bounds.supremum import Bounded
 from cdobs_cli.certificate import Claim, Status, Witness
 from cdobs_cli.exact.expression import ONE, ZERO, Expression
-from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, fraction_text, lower_text, upper_text
 from cdobs_cli.exact.rational import is_zero, simplify
 from cdobs_cli.plant import Entry, Plant, Quantity
@@ -40,18 +40,31 @@ def slope_claims(plant: Plant) -> tuple[Claim, ...]:
     """
     region = Region.of(plant)
     judged = tuple(defined(phi, region) for phi in plant.phi)
-    claims = []
-    for i, phi in enumerate(plant.phi):
-        for j, name in enumerate(plant.states):
-            slope = phi.derivative(name)
-            if (slope != ZERO or (i, j) in plant.slopes.entries) and (i, j) not in plant.slopes.shared:
-                claims.append(_claim(plant, i, j, slope, region, judged[i]))
+    entries = dict.fromkeys(plant.slopes.entries, ZERO) | dict(varying(plant))
+    alone = sorted(entries.keys() - plant.slopes.shared)
+    claims = [_claim(plant, *at, entries[at], region, judged[at[0]]) for at in alone]
     claims += [_joint_claim(plant, rho, region, judged) for rho in plant.slopes.joint]
-    if any(True for phi in plant.phi for _ in conditions(phi)):
+    if not all(map(is_total, plant.phi)):
         claims.append(defined_claim(judged, region))
     if plant.domain:
         claims.append(domain_invariant(plant))
     return tuple(claims)
+
+
+def varying(plant: Plant) -> Iterator[tuple[tuple[int, int], Expression]]:
+    """The slopes that are not identically 0, as they are typed, with their places."""
+    for i, phi in enumerate(plant.phi):
+        for j, name in enumerate(plant.states):
+            slope = phi.derivative(name)
+            if slope != ZERO:
+                yield (i, j), slope
+
+
+def claimed(plant: Plant) -> Iterator[tuple[Expression, Exact, Exact]]:
+    """Functions with the bounds that the slope class claims: entries by themselves, then those that entries share."""
+    slopes = plant.slopes
+    yield from ((slope, slopes.lower[at], slopes.upper[at]) for at, slope in varying(plant) if at not in slopes.shared)
+    yield from ((rho.function, rho.lower, rho.upper) for rho in slopes.joint if rho.function is not None)
 
 
 def _claim(plant: Plant, i: int, j: int, slope: Expression, region: Region, judged: Definedness) -> Claim:
@@ -62,12 +75,13 @@ def _claim(plant: Plant, i: int, j: int, slope: Expression, region: Region, judg
     elif judged.status == "proved":
         decided = decide(slope, low, high, region)
     else:
-        witness = Witness("point", "plant", data={"point": point_text(judged.point)}) if judged.point else None
-        reason = f"phi_{i + 1} is not {'proved to be ' if judged.status == 'undecided' else ''}defined there, {judged.condition} is needed"
-        decided = Decision(judged.status, "definedness", witness=witness, reason=reason)
+        doubt = "proved to be " if judged.status == "undecided" else ""
+        reason = f"phi_{i + 1} is not {doubt}defined there, {judged.condition} is needed"
+        decided = Decision(judged.status, "definedness", witness=point_witness(judged.point), reason=reason)
+    text = statement if decided.reason is None else f"{statement}: {decided.reason}"
     return Claim(
-        f"slopes.{i + 1}.{j + 1}", "premise", decided.status, statement if decided.reason is None else f"{statement}: {decided.reason}",
-        SOURCE, required=True, margin=decided.margin, method=decided.method, witness=decided.witness,
+        f"slopes.{i + 1}.{j + 1}", "premise", decided.status, text, SOURCE, required=True, margin=decided.margin,
+        method=decided.method, witness=decided.witness,
     )  # fmt: skip
 
 
@@ -75,15 +89,17 @@ def _joint_claim(plant: Plant, rho: Quantity, region: Region, judged: Sequence[D
     """A function that several entries share: its bounds, and that these entries are what it and the others make."""
     assert rho.function is not None
     moved = ", ".join(f"d phi_{i + 1} / d {plant.states[j]}" for (i, j), _ in rho.weights)
-    statement = f"{rho.lower} <= {rho.name} = {rho.function} <= {rho.upper} for {region.text()}, which moves {moved} together"
+    bounds = f"{rho.lower} <= {rho.name} = {rho.function} <= {rho.upper} for {region.text()}"
     decided = decide(rho.function, rho.lower, rho.upper, region)
     if decided.status == "proved" and not all(_is_made(plant, entry) for entry, _ in rho.weights):
-        decided = Decision("undecided", "canonical forms", reason="these slopes are not what the functions make")
+        reason = "these slopes are not what the functions make"
+        decided = Decision("undecided", "canonical forms", reason=reason)
     elif decided.status == "proved" and not all(judged[i].status == "proved" for (i, _), _ in rho.weights):
         decided = Decision("undecided", "definedness", reason="phi is not proved to be defined there")
+    why = "" if decided.reason is None else f": {decided.reason}"
     return Claim(
-        f"slopes.{rho.name}", "premise", decided.status, statement if decided.reason is None else f"{statement}: {decided.reason}",
-        SOURCE, required=True, margin=decided.margin, method=decided.method, witness=decided.witness,
+        f"slopes.{rho.name}", "premise", decided.status, f"{bounds}, which moves {moved} together{why}", SOURCE,
+        required=True, margin=decided.margin, method=decided.method, witness=decided.witness,
     )  # fmt: skip
 
 
@@ -104,6 +120,9 @@ def resolve(plant: Plant, *, together: bool = True) -> tuple[Plant, dict[str, tu
     Returns: the plant with these bounds, and the bounds by entry, {"2.1": (lower, upper)}, from 1, and by function where
     several entries share some, {"rho1": (lower, upper)}. An entry for which no finite bound was proved stays in
     `slopes.auto`.
+
+    Args:
+        together: whether entries that share functions are to move together.
     """
     region = Region.of(plant)
     found = {}
@@ -153,7 +172,8 @@ def unbounded_claims(plant: Plant) -> tuple[Claim, ...]:
     for i, j in sorted(plant.slopes.auto):
         slope = simplify(plant.phi[i].derivative(plant.states[j]))
         free = [name for name in region.unbounded if name in slope.variables] or sorted(slope.variables)
-        statement = f"no bound of d phi_{i + 1}/d {plant.states[j]} = {slope} was proved; declare a smaller domain of {', '.join(free)}"
+        what = f"d phi_{i + 1}/d {plant.states[j]} = {slope}"
+        statement = f"no bound of {what} was proved; declare a smaller domain of {', '.join(free)}"
         claims.append(Claim(f"slopes.{i + 1}.{j + 1}", "premise", "undecided", statement, SOURCE, required=True))
     return tuple(claims)
 
@@ -173,22 +193,21 @@ def decide(slope: Expression, low: Exact, high: Exact, region: Region) -> Decisi
     """Proved, refuted or undecided: low <= slope <= high over the region."""
     enclosure = known_range(slope, region.box)
     if enclosure.is_finite:
-        margin = _distance(high, Fraction(enclosure.upper)).min(_distance(-low, -Fraction(enclosure.lower)))
+        below, above = (Exact(Fraction(end)) for end in (enclosure.lower, enclosure.upper))
+        margin = (high - above).ball().min((below - low).ball())
         if margin >= 0:
             return Decision("proved", "range of the functions", lower_text(margin))
     sides = (("above", slope, high), ("below", -slope, -low))
     for _, side, limit in sides:
         for point in high_points(side, region):
-            refuted = _refuted(slope, side, limit, point, region)
-            if refuted is not None:
+            if (refuted := _refuted(slope, side, limit, point, region)) is not None:
                 return refuted
     margins, open_sides = [], []
     for name, side, limit in sides:
         bound = bounded(side, region, limit, FULL)
-        if bound.point is not None:
-            refuted = _refuted(slope, side, limit, bound.point, region)
-            if refuted is not None:
-                return refuted
+        refuted = None if bound.point is None else _refuted(slope, side, limit, bound.point, region)
+        if refuted is not None:
+            return refuted
         if bound.status == "proved":
             margins.append(limit.ball() - arb(bound.value))
         else:
@@ -198,22 +217,23 @@ def decide(slope: Expression, low: Exact, high: Exact, region: Region) -> Decisi
     return Decision("proved", "branch and bound", lower_text(margins[0].min(margins[1]).max(arb(0))))
 
 
-def _refuted(slope: Expression, side: Expression, limit: Exact, point: Mapping[str, Fraction], region: Region) -> Decision | None:
+def _refuted(slope: Expression, side: Expression, limit: Exact, point: Point, region: Region) -> Decision | None:
     at = point_balls(point)
     excess = side.ball(at) - limit.ball()
     if not excess > 0 or not region.holds(point):
         return None
-    value = range_of(slope, {name: Range.point(end) for name, end in point.items()})
-    text = fraction_text(value.lower) if value.is_point and isinstance(value.lower, Fraction) else lower_text(slope.ball(at))
-    witness = Witness("point", "plant", data={"point": point_text(point), "slope": text})
-    return Decision("refuted", "exact point", lower_text(-excess), witness)
+    value = value_at(slope, point)
+    exact = value.is_point and isinstance(value.lower, Fraction)
+    text = fraction_text(Fraction(value.lower)) if exact else lower_text(slope.ball(at))
+    return Decision("refuted", "exact point", lower_text(-excess), point_witness(point, slope=text))
 
 
 def _left(name: str, region: Region, bound: Bounded) -> str:
     """What is left, and what would settle it."""
     parts = [f"open {name}"]
     if bound.box:
-        parts.append("near " + ", ".join(f"{name} in [{low:.6g}, {high:.6g}]" for name, (low, high) in bound.box.items()))
+        near = ", ".join(f"{name} in [{low:.6g}, {high:.6g}]" for name, (low, high) in bound.box.items())
+        parts.append(f"near {near}")
     if isfinite(bound.value):
         reached = upper_text(arb(bound.value), 6)
         parts.append(f"{reached if name == 'above' else _negated(reached)} would be proved")
@@ -234,9 +254,3 @@ def automatic(slope: Expression, region: Region) -> tuple[str, str] | None:
     high = least_bound(slope, region)
     low = least_bound(-slope, region) if high is not None else None
     return None if high is None or low is None else (_negated(low), high)
-
-
-def _distance(limit: Exact, value: Fraction) -> arb:
-    if limit.rational is not None:
-        return fraction_ball(limit.rational - value)
-    return limit.ball() - fraction_ball(value)

@@ -11,10 +11,11 @@ which f is largest where it is monotone. Boxes are split where g_j times the wid
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from math import inf
+from functools import reduce
+from math import inf, isfinite
 from typing import Literal
 
 import numpy as np
@@ -22,11 +23,12 @@ from numpy.typing import NDArray
 
 from cdobs_cli.bounds import boxes
 from cdobs_cli.bounds.boxes import Array, Ends, Evaluator, Jet
-from cdobs_cli.bounds.ranges import Range, range_of
+from cdobs_cli.bounds.ranges import Point, Range, range_of
 from cdobs_cli.bounds.region import Region
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.exact.shapes import End
 
 CHUNK, ROUND = 2048, 100
 PATIENCE = 8
@@ -34,42 +36,35 @@ _NEAR = 1e-9
 
 
 @dataclass(frozen=True)
-class Supremum:
-    """The outcome of one search. `bound`: f <= bound was proved. `box`: what is left, worst first. `point`:
-    a point of the region, in floats, where f seems to exceed c."""
+class Bounded:
+    """f <= value was proved (inf: nothing). `point` is a point where f seems to exceed c; `box` what is left."""
 
-    status: Literal["proved", "exceeded", "undecided"]
-    bound: float
-    count: int
+    status: Literal["proved", "undecided"]
+    value: float
+    point: Point | None = None
     box: Mapping[str, tuple[float, float]] | None = None
-    point: Mapping[str, Fraction] | None = None
 
 
 class _Search:
     def __init__(self, forms: Sequence[Expression], region: Region, limit: Exact) -> None:
         self.region, self.limit, self.forms = region, limit, tuple(forms)
         self.evaluators = [Evaluator(form, region.names) for form in forms]
-        ball = limit.ball()
-        self.c_low, self.c_high = (float(end[0]) for end in boxes.constant(ball, 1))
+        self.c_low, self.c_high = boxes.outside(limit.ball())
         self.near = self.c_high + _NEAR * (1e-3 + abs(self.c_high))
         self.w = [_Affine(w, region.names) for w in region.where]
 
-    def first(self) -> tuple[Array, Array]:
-        ends = [boxes.constant(fraction_ball(Fraction(end)), 1) if end not in (inf, -inf) else (np.array([end]),) * 2
-                for one in self.region.box.values() for end in (one.lower, one.upper)]  # fmt: skip
-        low = np.array([[float(end[0][0]) for end in ends[0::2]]])
-        high = np.array([[float(end[1][0]) for end in ends[1::2]]])
+    def first(self) -> Ends:
+        ends = [(_outside(one.lower)[0], _outside(one.upper)[1]) for one in self.region.box.values()]
+        low, high = np.array(ends).reshape(1, -1, 2).transpose(2, 0, 1)
         return low, high
 
-    def run(self, budget: int) -> Supremum:
+    def run(self, budget: int) -> Bounded:
         low, high = self.first()
-        upper = np.array([inf])
-        count = 0
-        decided = -inf
-        patience = PATIENCE
+        upper, decided = np.array([inf]), -inf
+        count, patience = 0, PATIENCE
         while len(low):
             if count >= budget:
-                return self.left("undecided", low, high, upper, count, decided)
+                return self.left(low, high, upper, decided)
             order = np.argsort(-upper, kind="stable")
             take, keep = order[:CHUNK], order[CHUNK:]
             X, rest = (low[take], high[take]), (low[keep], high[keep], upper[keep])
@@ -81,50 +76,41 @@ class _Search:
                 continue
             step = self.judge(X)
             if step.point is not None:
-                return Supremum("exceeded", inf, count, point=step.point)
+                return Bounded("undecided", inf, step.point)
             still = step.open
             decided = max(decided, float(np.max(np.where(still, -inf, step.upper), initial=-inf)))
+            upper = np.concatenate([step.upper[still], rest[2]])
             new = _split((X[0][still], X[1][still]), step.smear[still])
-            open_boxes = (
-                np.vstack([X[0][still], rest[0]]), np.vstack([X[1][still], rest[1]]), np.concatenate([step.upper[still], rest[2]])
-            )  # fmt: skip
-            if new is None:
-                return self.left("undecided", *open_boxes, count, decided)
-            if max(np.max(step.upper[still], initial=-inf), np.max(rest[2], initial=-inf)) <= self.near:
-                # Only boxes that touch c are left, and exact ends do not decide them: splitting seldom helps.
-                patience -= 1
-                if patience == 0 and len(open_boxes[2]):
-                    return self.left("undecided", *open_boxes, count, decided)
-            low, high = np.vstack([rest[0], new[0]]), np.vstack([rest[1], new[1]])
+            # Only boxes that touch c are left, and exact ends do not decide them: splitting seldom helps.
+            patience -= bool(np.max(upper, initial=-inf) <= self.near)
+            if new is None or (patience <= 0 and len(upper)):
+                low, high = (np.vstack([X[k][still], rest[k]]) for k in (0, 1))
+                return self.left(low, high, upper, decided)
+            low, high = (np.vstack([rest[k], new[k]]) for k in (0, 1))
             upper = np.concatenate([rest[2], np.tile(step.upper[still], 2)])
-        return Supremum("proved", min(decided, self.c_high), count)
+        return Bounded("proved", min(decided, self.c_high))
 
-    # Every box that is not decided counts: the largest of their bounds is a bound of f.
-    def left(self, status: Literal["undecided"], low: Array, high: Array, upper: Array, count: int, decided: float) -> Supremum:
+    def left(self, low: Array, high: Array, upper: Array, decided: float) -> Bounded:
+        # Every box that is not decided counts: the largest of their bounds is a bound of f.
         worst = int(np.argmax(upper))
         box = {name: (float(low[worst, j]), float(high[worst, j])) for j, name in enumerate(self.region.names)}
-        return Supremum(status, max(decided, float(upper[worst])), count, box)
+        return Bounded("undecided", max(decided, float(upper[worst])), None, box)
 
-    def contract(self, X: tuple[Array, Array]) -> tuple[Array, Array]:
+    def contract(self, X: Ends) -> Ends:
         for w in self.w:
             X = w.contract(X)
         kept = ~np.any(X[0] > X[1], axis=1)
         return X[0][kept], X[1][kept]
 
-    def judge(self, X: tuple[Array, Array]) -> _Step:
+    def judge(self, X: Ends) -> _Step:
         low, high = X
         middle = _middle(low, high)
-        upper = np.full(len(low), inf)
-        smear = np.zeros_like(low)
-        width = high - low
+        upper, at_middle = np.full(len(low), inf), np.full(len(low), -inf)
+        smear, width = np.zeros_like(low), high - low
         grown, shrunk = np.zeros(low.shape, dtype=bool), np.zeros(low.shape, dtype=bool)
-        at_middle = np.full(len(low), -inf)
-        for evaluator in self.evaluators:
-            jet = evaluator.jet(low, high)
-            value = evaluator.value(middle, middle)
+        for jet, value, bound in self.forms_over(X, middle):
             at_middle = np.maximum(at_middle, value[0])
-            form, slopes = self.mean_value(X, middle, jet, value)
-            upper = np.minimum(upper, np.minimum(jet.value[1], form))
+            upper = np.minimum(upper, bound)
             for j in range(low.shape[1]):
                 g = jet.gradient.get(j)
                 if g is None:
@@ -134,7 +120,8 @@ class _Search:
                 grown[:, j] |= g[0] >= 0
                 shrunk[:, j] |= g[1] <= 0
                 with np.errstate(all="ignore"):
-                    smear[:, j] = np.fmax(smear[:, j], slopes[j] * width[:, j])
+                    size = np.maximum(np.abs(g[0]), np.abs(g[1]))
+                    smear[:, j] = np.fmax(smear[:, j], size * width[:, j])
         point = self.exceeding(middle, at_middle)
         still = ~(upper <= self.c_low)
         if point is None and np.any(still):
@@ -148,19 +135,17 @@ class _Search:
                     upper[k], still[k] = self.c_high, False
         return _Step(upper, still, smear, point)
 
-    def on_face(self, X: tuple[Array, Array]) -> Array:
-        upper = np.full(len(X[0]), inf)
-        middle = _middle(*X)
-        for evaluator in self.evaluators:
-            jet = evaluator.jet(*X)
-            form, _ = self.mean_value(X, middle, jet, evaluator.value(middle, middle), limits=False)
-            upper = np.minimum(upper, np.minimum(jet.value[1], form))
-        return upper
+    def on_face(self, X: Ends) -> Array:
+        return reduce(np.minimum, (bound for _, _, bound in self.forms_over(X, _middle(*X), limits=False)))
 
-    def mean_value(
-        self, X: tuple[Array, Array], middle: Array, jet: Jet, value: Ends, *, limits: bool = True
-    ) -> tuple[Array, dict[int, Array]]:
-        """Upper end of the mean-value form, and the sizes of the slopes used."""
+    def forms_over(self, X: Ends, middle: Array, *, limits: bool = True) -> Iterator[tuple[Jet, Ends, Array]]:
+        """For each form its jet, its value at the middle, and an upper bound over each box."""
+        for evaluator in self.evaluators:
+            jet, value = evaluator.jet(*X), evaluator.value(middle, middle)
+            yield jet, value, np.minimum(jet.value[1], self.mean_value(X, middle, jet, value, self.w if limits else ()))
+
+    def mean_value(self, X: Ends, middle: Array, jet: Jet, value: Ends, limits: Sequence[_Affine]) -> Array:
+        """Upper end of the mean-value form."""
         low, high = X
         count, n = low.shape
         zero = (np.zeros(count), np.zeros(count))
@@ -168,21 +153,18 @@ class _Search:
             from_middle = [boxes.add((low[:, j], high[:, j]), (-middle[:, j], -middle[:, j])) for j in range(n)]
             gradient = [jet.gradient.get(j, zero) for j in range(n)]
             best = _form(value, gradient, from_middle)
-            for w in self.w if limits else ():
+            for w in limits:
                 at_middle = w.value((middle, middle))
-                for j in range(n):
-                    if not w.slopes[j][0] and not w.slopes[j][1]:
+                for g, slope in zip(gradient, w.slopes, strict=True):
+                    if slope == (0.0, 0.0):
                         continue
-                    g = gradient[j]
-                    multiplier = np.maximum(0.0, -(g[0] + g[1]) / (2 * w.slopes[j][0]))
+                    multiplier = np.maximum(0.0, -(g[0] + g[1]) / (2 * slope[0]))
                     multiplier = np.where(np.isfinite(multiplier), multiplier, 0.0)
                     factor = (multiplier, multiplier)
                     raised = boxes.add(value, boxes.multiply(factor, at_middle))
                     turned = [boxes.add(gradient[i], boxes.multiply(factor, w.slope(i, count))) for i in range(n)]
-                    form = _form(raised, turned, from_middle)
-                    better = form < best
-                    best = np.where(better, form, best)
-        return best, {j: np.maximum(np.abs(g[0]), np.abs(g[1])) for j, g in enumerate(gradient)}
+                    best = np.fmin(best, _form(raised, turned, from_middle))
+        return best
 
     def exceeding(self, middle: Array, at_middle: Array) -> dict[str, Fraction] | None:
         if self.region.relaxed:
@@ -197,21 +179,13 @@ class _Search:
     def exactly(self, low: Array, high: Array) -> bool:
         """f <= c on a face in exact ends: decides boxes on which c is attained at an end of the region."""
         ranges = {}
-        for j, (name, ends) in enumerate(self.region.box.items()):
-            exact = [Fraction(float(value)) if np.isfinite(value) else float(value) for value in (low[j], high[j])]
-            for k in (0, 1):
-                for end, side in ((ends.lower, 0), (ends.upper, 1)):
-                    if isinstance(end, Fraction) and exact[k] == _outward(end, side):
-                        exact[k] = end
-            ranges[name] = Range(exact[0], exact[1])
-        for form in self.forms:
-            upper = range_of(form, ranges).upper
-            if not isinstance(upper, Fraction):
-                continue
-            rational = self.limit.rational
-            if upper <= rational if rational is not None else bool(fraction_ball(upper) <= self.limit.ball()):
-                return True
-        return False
+        for (name, one), *face in zip(self.region.box.items(), low, high, strict=True):
+            exact = ((end, _outside(end)[side]) for end, side in ((one.upper, 1), (one.lower, 0)))
+            known = {outward: end for end, outward in exact if isinstance(end, Fraction)}
+            values = (float(value) for value in face)
+            ranges[name] = Range(*(known.get(at, Fraction(at) if isfinite(at) else at) for at in values))
+        upper = (range_of(form, ranges).upper for form in self.forms)
+        return any(isinstance(end, Fraction) and Exact(end).is_at_most(self.limit) for end in upper)
 
 
 @dataclass(frozen=True)
@@ -222,16 +196,14 @@ class _Step:
     point: dict[str, Fraction] | None
 
 
-def _outward(end: Fraction, side: int) -> Fraction | None:
-    value = float(boxes.constant(fraction_ball(end), 1)[side][0])
-    return Fraction(value) if np.isfinite(value) else None
+def _outside(end: End) -> tuple[float, float]:
+    """The nearest floats outside an end."""
+    return boxes.outside(fraction_ball(end)) if isinstance(end, Fraction) else (end, end)
 
 
 def _form(value: Ends, gradient: Sequence[Ends], from_middle: Sequence[Ends]) -> Array:
-    total = value
-    for g, step in zip(gradient, from_middle, strict=True):
-        total = boxes.add(total, boxes.multiply(g, step))
-    return total[1]
+    steps = (boxes.multiply(g, step) for g, step in zip(gradient, from_middle, strict=True))
+    return reduce(boxes.add, steps, value)[1]
 
 
 def _middle(low: Array, high: Array) -> Array:
@@ -243,7 +215,7 @@ def _middle(low: Array, high: Array) -> Array:
     return np.where(both, 0.0, middle)
 
 
-def _split(X: tuple[Array, Array], smear: Array) -> tuple[Array, Array] | None:
+def _split(X: Ends, smear: Array) -> Ends | None:
     """Two halves of each box; None where a box is as small as floats allow."""
     low, high = X
     if not len(low):
@@ -251,9 +223,10 @@ def _split(X: tuple[Array, Array], smear: Array) -> tuple[Array, Array] | None:
     width = high - low
     # An unbounded side first, then infinite slopes by width, then the smear.
     relative = width / (1e-300 + np.max(np.where(np.isfinite(width), width, 0.0), axis=1, keepdims=True))
-    score = np.where(np.isnan(smear) | (smear == 0), 0.0, smear)
-    blind = ~np.isfinite(np.max(score, axis=1)) | (np.max(score, axis=1) <= 0)
-    score = np.where(blind[:, None], np.where(np.isfinite(score) & (score == 0) & np.any(score > 0, axis=1)[:, None], 0.0, relative), score)
+    score = np.where(np.isnan(smear), 0.0, smear)
+    best = np.max(score, axis=1, keepdims=True)
+    by_width = np.where((score == 0) & (best > 0), 0.0, relative)
+    score = np.where(np.isfinite(best) & (best > 0), score, by_width)
     score = np.where(np.isinf(width) & (smear != 0), inf, score)
     axis = np.argmax(score, axis=1)
     rows = np.arange(len(low))
@@ -278,24 +251,23 @@ class _Affine:
         if any(slope.variables for slope in slopes):
             raise ValueError(f"{w} is not affine")
         origin = {name: fraction_ball(Fraction(0)) for name in names}
-        self.offset = tuple(float(end[0]) for end in boxes.constant(w.ball(origin), 1))
-        self.slopes = [tuple(float(end[0]) for end in boxes.constant(slope.ball({}), 1)) for slope in slopes]
+        self.offset = boxes.outside(w.ball(origin))
+        self.slopes = [boxes.outside(slope.ball({})) for slope in slopes]
 
     def slope(self, j: int, count: int) -> Ends:
-        return np.full(count, self.slopes[j][0]), np.full(count, self.slopes[j][1])
+        return boxes.full(self.slopes[j], count)
 
-    def parts(self, X: tuple[Array, Array]) -> list[Ends]:
+    def parts(self, X: Ends) -> list[Ends]:
         count = len(X[0])
-        offset = np.full(count, self.offset[0]), np.full(count, self.offset[1])
-        return [offset, *(boxes.multiply(self.slope(j, count), (X[0][:, j], X[1][:, j])) for j in range(X[0].shape[1]))]
+        return [
+            boxes.full(self.offset, count),
+            *(boxes.multiply(self.slope(j, count), (X[0][:, j], X[1][:, j])) for j in range(X[0].shape[1])),
+        ]
 
-    def value(self, X: tuple[Array, Array]) -> Ends:
-        total, *parts = self.parts(X)
-        for part in parts:
-            total = boxes.add(total, part)
-        return total
+    def value(self, X: Ends) -> Ends:
+        return reduce(boxes.add, self.parts(X))
 
-    def contract(self, X: tuple[Array, Array]) -> tuple[Array, Array]:
+    def contract(self, X: Ends) -> Ends:
         """The part of each box that w >= 0 leaves (a superset of it, as a box; reversed ends where empty)."""
         low, high = X[0].copy(), X[1].copy()
         with np.errstate(all="ignore"):
@@ -304,12 +276,8 @@ class _Affine:
             for j in range(low.shape[1]):
                 if self.slopes[j] == (0.0, 0.0) or self.slopes[j][0] * self.slopes[j][1] <= 0:
                     continue
-                rest = parts[0]
-                for i, part in enumerate(parts[1:]):
-                    if i != j:
-                        rest = boxes.add(rest, part)
                 # w_j x_j >= -rest, at best -sup rest.
-                most = rest[1]
+                most = reduce(boxes.add, (*parts[: j + 1], *parts[j + 2 :]))[1]
                 edge = boxes.multiply((-most, -most), boxes.inverse(self.slope(j, len(low))))
                 if self.slopes[j][0] > 0:
                     low[:, j] = np.where(np.isfinite(most), np.maximum(low[:, j], edge[0]), low[:, j])
@@ -319,7 +287,7 @@ class _Affine:
         return low, high
 
 
-def supremum(forms: Sequence[Expression], region: Region, limit: Exact, budget: int) -> Supremum:
+def supremum(forms: Sequence[Expression], region: Region, limit: Exact, budget: int) -> Bounded:
     """Decide f <= limit over the region, within `budget` boxes.
 
     Args:

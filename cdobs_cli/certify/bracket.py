@@ -12,7 +12,6 @@ from cdobs_cli.certify.falsify import refute
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import HybridInclusion
 
-largest_proved, short_period = search.between, search.short
 _GROWTH = (1.3, 1.15, 1.07, 1.03)  # by effort: the step of the scan for a first refutation
 _WIDTH = 4e-6  # relative width down to which the first refutation is pressed
 

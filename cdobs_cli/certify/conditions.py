@@ -94,5 +94,6 @@ def _refuted(claim: Claim, plant: Plant, statement: str) -> tuple[Claim, str]:
         return replace(claim, witness=replace(witness, about="plant")), f"{statement}: refuted for the plant as typed"
     return (
         claim,
-        f"{statement}: refuted for the class, some plant with these slopes defeats it; the plant as typed may still converge",
+        f"{statement}: refuted for the class, some plant with these slopes defeats it; the plant as typed may "
+        f"still converge",
     )

@@ -22,8 +22,7 @@ from flint import arb
 
 from cdobs_cli.certificate import Witness
 from cdobs_cli.certify.ball import has_spectral_radius_at_least, is_hurwitz, null_space, spectral_radius_lower
-from cdobs_cli.certify.floats import exponentials as exponentials
-from cdobs_cli.certify.floats import spectral_radii as spectral_radii
+from cdobs_cli.certify.floats import exponentials, spectral_radii
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import Exact, decimal_text, lower_text

@@ -18,7 +18,8 @@ from cdobs_cli.certify.methods.base import Method, Proof, Question, read
 from cdobs_cli.certify.methods.dead_beat import DeadBeat, resets
 from cdobs_cli.certify.unseen import Unseen, unseen
 from cdobs_cli.design import Design
-from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text, text_below, upper_text
+from cdobs_cli.exact.functions import fraction_ball
+from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text, lower_text, text_below, upper_text
 from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
 
@@ -194,7 +195,9 @@ def _conclusion(judgement: Judgement, hidden: Unseen | None, claims: Sequence[Cl
     defeated = next((item for item in judgement.hopeless if judgement.law.contains(item.method.law)), None)
     if witness is None and defeated is not None:
         witness = Witness("vector", "class", data=dict(defeated.method.certificate().data))
-        return _convergence(judgement, "refuted", f"{statement}: no gain survives it", method=defeated.method.name, witness=witness)
+        return _convergence(
+            judgement, "refuted", f"{statement}: no gain survives it", method=defeated.method.name, witness=witness
+        )
     if witness is None:
         reason = f" {judgement.design.reason}." if judgement.design.reason else ""
         return _convergence(judgement, "undecided", f"{statement}{reason}")
@@ -232,16 +235,19 @@ def _bounds(judgement: Judgement) -> dict[str, Bound]:
     at_rate = [item for item in own if item.proof.rate >= fraction_ball(rate)] if rate else []
     if at_rate:
         bounds["period_max_at_rate"] = _period(_longest(at_rate), None, f"this gain, at the rate {fraction_text(rate)}")
-    fastest = max((item.proof.rate for item in judgement.covering), key=lambda rate: float(rate.lower()), default=None)
-    slowest = slowest_decay(question.inclusion)
-    known = fastest is not None and fastest > 0
-    if known or slowest is not None:
-        bounds["decay_rate"] = Bound(
-            lower_text(fastest, 9) if fastest is not None and known else None,
-            upper_text(slowest, 9) if slowest is not None else None,
-            "1/s", None, "this gain under its law",
-        )  # fmt: skip
-    return bounds
+    return bounds | _decay_rate(judgement)
+
+
+def _decay_rate(judgement: Judgement) -> dict[str, Bound]:
+    """The fastest rate proved under the law, and the slowest constant corner."""
+    decaying = [item for item in judgement.covering if item.proof.rate > 0]
+    fastest = max(decaying, key=lambda item: float(item.proof.rate.lower()), default=None)
+    slowest = slowest_decay(judgement.question.inclusion)
+    if fastest is None and slowest is None:
+        return {}
+    proved, method = (None, None) if fastest is None else (lower_text(fastest.proof.rate, 9), fastest.method.rung)
+    refuted = None if slowest is None else upper_text(slowest, 9)
+    return {"decay_rate": Bound(proved, refuted, "1/s", method, "this gain under its law")}
 
 
 def _endless(method: str, about: str) -> Bound:

@@ -6,18 +6,24 @@ the ends; each interval, a little smaller, is proved for every period in it by b
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
+import numpy as np
+
 from cdobs_cli.certify.ball import has_spectral_radius_below
+from cdobs_cli.certify.cover import covered
+from cdobs_cli.certify.floats import exponentials, spectral_radii
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, decimal_text
 from cdobs_cli.hybrid import HybridInclusion
 
 _POINTS = 1500
-_CELLS = 4000
-_INSIDE = (Fraction(1, 10**6), Fraction(1, 10**4), Fraction(1, 100))
+_CELLS, _FEW = 4000, 400
+_NARROWEST = Fraction(1, 10**12)
+_CLOSE = (Fraction(1, 10**6), Fraction(1, 10**4), Fraction(1, 100))
+_LOOSE = (Fraction(1, 10**4), Fraction(1, 100))
 
 
 @dataclass(frozen=True)
@@ -34,14 +40,26 @@ def is_linear(inclusion: HybridInclusion) -> bool:
 
 
 def stable_intervals(inclusion: HybridInclusion, shortest: float, longest: float) -> list[StableInterval]:
-    """The proved intervals of constant periods in [shortest, longest], shortest periods first.
+    """The proved intervals of constant periods in [shortest, longest], a little inside their ends, shortest first.
 
     Intervals narrower than a step of the grid may be missed: the list is what is proved, not all there is.
     """
-    import numpy as np
+    proofs = (_prove(inclusion, low, high, _LOOSE, _FEW) for low, high in _candidates(inclusion, shortest, longest))
+    return [interval for interval in proofs if interval is not None]
 
-    from cdobs_cli.certify.floats import exponentials, spectral_radii
 
+def stable_interval(inclusion: HybridInclusion, T: float, shortest: float, longest: float) -> StableInterval | None:
+    """The proved interval that holds T, close to its ends; the shortest one where T is in none."""
+    candidates = _candidates(inclusion, shortest, longest)
+    for low, high in sorted(candidates, key=lambda ends: not ends[0] <= T <= ends[1]):
+        interval = _prove(inclusion, low, high, _CLOSE, _CELLS)
+        if interval is not None:
+            return interval
+    return None
+
+
+def _candidates(inclusion: HybridInclusion, shortest: float, longest: float) -> list[tuple[float, float]]:
+    """Intervals of periods at which the spectral radius is below 1, in floats."""
     maps = inclusion.floats
     if not is_linear(inclusion) or not 0 < shortest < longest or not np.all(np.isfinite(maps.base)):
         return []
@@ -51,25 +69,16 @@ def stable_intervals(inclusion: HybridInclusion, shortest: float, longest: float
             return float(spectral_radii(maps.jump @ exponentials(maps.base[None] * T))[0]) < 1
 
     grid = np.unique(np.concatenate([np.linspace(shortest, longest, _POINTS), np.geomspace(shortest, longest, 300)]))
-    with np.errstate(all="ignore"):
-        radii = np.array([spectral_radii(maps.jump @ exponentials(maps.base[None] * T))[0] for T in grid])
-    inside = radii < 1
-    found = []
-    k = 0
-    while k < len(grid):
-        if not inside[k]:
-            k += 1
-            continue
-        last = k
-        while last + 1 < len(grid) and inside[last + 1]:
-            last += 1
-        low = _edge(stable, float(grid[k]), float(grid[k - 1])) if k else float(grid[k])
-        high = _edge(stable, float(grid[last]), float(grid[last + 1])) if last + 1 < len(grid) else float(grid[last])
-        interval = _prove(inclusion, low, high)
-        if interval is not None:
-            found.append(interval)
-        k = last + 1
-    return found
+    inside = np.array([stable(T) for T in grid])
+    first = np.flatnonzero(inside & ~np.concatenate([[False], inside[:-1]]))
+    last = np.flatnonzero(inside & ~np.concatenate([inside[1:], [False]]))
+    return [
+        (
+            _edge(stable, float(grid[i]), float(grid[i - 1])) if i else float(grid[i]),
+            _edge(stable, float(grid[k]), float(grid[k + 1])) if k + 1 < len(grid) else float(grid[k]),
+        )
+        for i, k in zip(first, last, strict=True)
+    ]
 
 
 def _edge(stable: Callable[[float], bool], inside: float, outside: float) -> float:
@@ -79,40 +88,23 @@ def _edge(stable: Callable[[float], bool], inside: float, outside: float) -> flo
     return inside
 
 
-def _prove(inclusion: HybridInclusion, low: float, high: float) -> StableInterval | None:
-    for margin in _INSIDE:
-        a = Exact(decimal_text(Fraction(low) * (1 + margin), 9))
-        b = Exact(decimal_text(Fraction(high) * (1 - margin), 9))
-        if (
-            a.rational is not None
-            and b.rational is not None
-            and a.rational <= b.rational
-            and _covers(inclusion, a.rational, b.rational)
-        ):
-            return StableInterval(a, b)
+def _prove(
+    inclusion: HybridInclusion, low: float, high: float, margins: Sequence[Fraction], cells: int
+) -> StableInterval | None:
+    for margin in margins:
+        a, b = (Fraction(decimal_text(end, 9)) for end in (Fraction(low) * (1 + margin), Fraction(high) * (1 - margin)))
+        if a <= b and covered(_falls(inclusion), a, b, pieces=cells, narrowest=_NARROWEST):
+            return StableInterval(Exact(a), Exact(b))
     return None
 
 
-def _covers(inclusion: HybridInclusion, low: Fraction, high: Fraction) -> bool:
-    """rho(J exp(A T)) < 1 for every T in [low, high], by adaptive cells: exp(A T) = exp(A (T - m)) exp(A m)."""
+def _falls(inclusion: HybridInclusion) -> Callable[[Fraction, Fraction], bool]:
+    """Whether rho(J exp(A T)) < 1 for every T in [a, b]: exp(A T) = exp(A (T - m)) exp(A m), m the middle."""
     maps = inclusion.balls
-    stack = [(low, high)]
-    for _ in range(_CELLS):
-        if not stack:
-            return True
-        a, b = stack.pop()
-        middle = (a + b) / 2
+
+    def falls(a: Fraction, b: Fraction) -> bool:
         half = fraction_ball((b - a) / 2)
-        Phi = maps.base.exp((-half).union(half)) @ maps.base.exp(middle)
-        if has_spectral_radius_below(maps.jump @ Phi):
-            continue
-        if b - a <= Fraction(1, 10**12) * high or not has_spectral_radius_below(maps.jump @ maps.base.exp(middle)):
-            return False
-        stack += [(a, middle), (middle, b)]
-    return False
+        Phi = maps.base.exp((-half).union(half)) @ maps.base.exp((a + b) / 2)
+        return has_spectral_radius_below(maps.jump @ Phi)
 
-
-def interval_of(intervals: list[StableInterval], T: Exact) -> StableInterval | None:
-    """The interval that holds T."""
-    value = float(T)
-    return next((interval for interval in intervals if float(interval.low) <= value <= float(interval.high)), None)
+    return falls

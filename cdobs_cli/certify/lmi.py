@@ -211,6 +211,9 @@ def solver_log() -> Iterator[list[SolverRecord]]:
         yield records
     finally:
         _LOG.reset(token)
+        outer = _LOG.get()
+        if outer is not None:
+            outer.extend(records)
 
 
 def summary(records: Sequence[SolverRecord]) -> SolverRecord | None:

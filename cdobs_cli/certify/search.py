@@ -20,7 +20,7 @@ STEPS = 24
 SPAN = 1e3
 # Relative width at which a search ends, by effort: where each proof costs a search of its own, and where it is quick.
 _DEAR = (Fraction(1, 100), Fraction(1, 500), Fraction(1, 2000), Fraction(1, 10000))
-_QUICK = (Fraction(1, 2000), Fraction(1, 20000), Fraction(1, 20000), Fraction(1, 100000))
+_QUICK = (Fraction(1, 20000), Fraction(1, 20000), Fraction(1, 20000), Fraction(1, 100000))
 _DIGITS = 9
 
 

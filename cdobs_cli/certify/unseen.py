@@ -85,7 +85,10 @@ class Unseen:
         if self.period is None:
             seen = f"no measurement ever shows an error along {direction}{where}, and it does not decay"
             return f"the plant is not detectable: {seen}, so no gain helps; measure another quantity"
-        seen = f"sampled every {self.period}, no measurement shows an error along {direction}{where}, and it does not decay"
+        seen = (
+            f"sampled every {self.period}, no measurement shows an error along {direction}{where}, and it "
+            f"does not decay"
+        )
         return f"the sampled plant is not detectable: {seen}, so no gain helps; another period may"
 
 

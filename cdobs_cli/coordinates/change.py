@@ -10,16 +10,20 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
-from cdobs_cli.bounds.definedness import defined, defined_claim
+import numpy as np
+from numpy.typing import NDArray
+
+from cdobs_cli.bounds.definedness import bounded_away, defined, defined_claim
 from cdobs_cli.bounds.differ import Comparison, compared
 from cdobs_cli.bounds.invariance import domain_invariant
-from cdobs_cli.bounds.region import Region, point_text
-from cdobs_cli.certificate import Claim, Status, Witness
+from cdobs_cli.bounds.region import Region, point_witness
+from cdobs_cli.certificate import Claim, ClaimKind
 from cdobs_cli.coordinates.image import image_box, image_domain, image_of_disturbance
 from cdobs_cli.coordinates.lie import lie_coordinates, lie_derivative
 from cdobs_cli.coordinates.split import as_printed, automatic_slopes, linear_output, linear_part, linear_terms
-from cdobs_cli.coordinates.typed import typed_plant, typed_region, wrong_plant
+from cdobs_cli.coordinates.typed import typed_plant, wrong_plant
 from cdobs_cli.errors import Problem, SpecError
+from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.exact.expression import Expression, ExpressionError, Variable
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text
 from cdobs_cli.exact.rational import simplify
@@ -27,9 +31,6 @@ from cdobs_cli.exact.solve import determinant, substituted
 from cdobs_cli.plant import Box, CoordinateMap, Domain, Interval, Plant, TypedDynamics
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from cdobs_cli.run import SimulationPlan
 
 MAX_TRANSFORMED = 8
@@ -62,7 +63,7 @@ class Coordinates:
     @cached_property
     def region(self) -> Region:
         """The typed domain and the input ranges."""
-        return typed_region(self.typed)
+        return Region.of(self.typed)
 
     def original_values(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
         """x along trajectories of z, shape (.., n); nan where the inverse has no value."""
@@ -89,8 +90,8 @@ class Coordinates:
             try:
                 return None if x is None else self.point(x)
             except (ExpressionError, ZeroDivisionError):
-                what = "the coordinates have no value there"
-                raise SpecError((Problem(("simulation", name), what, ", ".join(str(value) for value in x or ())),)) from None
+                what, got = "the coordinates have no value there", ", ".join(map(str, x or ()))
+                raise SpecError((Problem(("simulation", name), what, got),)) from None
 
         return replace(
             plan,
@@ -104,11 +105,12 @@ class Coordinates:
 
         `domain_invariant` is judged in the typed states: the transformed domain is only a superset.
         """
-        typed = defined_claim(tuple(defined(one, self.region) for one in self.typed.dynamics), self.region, "the typed dynamics")
-        own = [typed, self.inverse_claim(), self.diffeomorphism()]
+        judged = tuple(defined(one, self.region) for one in self.typed.dynamics)
+        own = [defined_claim(judged, self.region, "the typed dynamics"), self.inverse_claim(), self.diffeomorphism()]
         if self.typed.domain:
             own.append(domain_invariant(typed_plant(self.typed)))
-        worst = next((claim for status in ("refuted", "undecided") for claim in own[:3] if claim.status == status), None)
+        by_weight = (claim for status in ("refuted", "undecided") for claim in own[:3] if claim.status == status)
+        worst = next(by_weight, None)
         kept = []
         for claim in claims:
             if claim.id == "defined":
@@ -124,29 +126,24 @@ class Coordinates:
     def inverse_claim(self) -> Claim:
         """inverse(map(x)) = x over the typed domain."""
         back = substituted(self.inverse, dict(zip(self.names, self.map, strict=True)))
-        status: Status = "proved"
-        text, witness = "inverse(map(x)) = x", None
+        text, found = "inverse(map(x)) = x", Comparison("proved")
         for name, one in zip(self.states, back, strict=True):
             found = compared(one, Variable(name), self.region)
-            if found.status == "proved":
-                continue
-            text += f": {name} comes back as {one}" if found.point else f": not decided for {name}"
-            status, witness = found.status, _witness(found)
-            break
-        return Claim("coordinates.inverse", "premise", status, text, SOURCE, method="canonical form", witness=witness)
+            if found.status != "proved":
+                text += f": {name} comes back as {one}" if found.point else f": not decided for {name}"
+                break
+        return _claim("coordinates.inverse", "premise", text, found)
 
     def diffeomorphism(self) -> Claim:
         """det dT/dx is bounded away from 0 over the typed domain."""
-        from cdobs_cli.bounds.definedness import bounded_away
-
         jacobian = [[simplify(one.derivative(name)) for name in self.states] for one in self.map]
         det = simplify(determinant(jacobian))
         status, least, point = bounded_away(det, self.region)
         text = f"|det dT/dx| = |{det}| > 0 for {self.region.text()}"
-        witness = Witness("point", "plant", data={"point": point_text(point)}) if point else None
         margin = fraction_text(least) if least is not None else None
         return Claim(
-            "coordinates.diffeomorphism", "premise", status, text, SOURCE, margin=margin, method="branch and bound", witness=witness,
+            "coordinates.diffeomorphism", "premise", status, text, SOURCE, margin=margin, method="branch and bound",
+            witness=point_witness(point),
         )  # fmt: skip
 
     def printed(self) -> tuple[Claim, ...]:
@@ -158,57 +155,52 @@ class Coordinates:
             text = f"the printed phi_{i + 1} = {phi} is the derived one"
             if found.status != "proved":
                 text += f", {self.plant.phi[i]}"
-            claims.append(_printed_claim(f"printed.phi.{i + 1}", text, found))
+            claims.append(_claim(f"printed.phi.{i + 1}", "printed", text, found))
         if typed.C is not None and typed.C != self.plant.C:
             text = f"the printed C is the derived one, {self.plant.C.texts()}"
-            claims.append(_printed_claim("printed.C", text, Comparison("refuted")))
+            claims.append(_claim("printed.C", "printed", text, Comparison("refuted")))
         return tuple(claims)
 
 
-def _printed_claim(identifier: str, text: str, found: Comparison) -> Claim:
-    return Claim(identifier, "printed", found.status, text, SOURCE, method="canonical form", witness=_witness(found))
-
-
-def _witness(found: Comparison) -> Witness | None:
-    return Witness("point", "plant", data={"point": point_text(found.point)}) if found.point else None
+def _claim(identifier: str, kind: ClaimKind, text: str, found: Comparison) -> Claim:
+    return Claim(
+        identifier, kind, found.status, text, SOURCE, method="canonical form", witness=point_witness(found.point),
+    )  # fmt: skip
 
 
 def _values(expressions: Sequence[Expression], names: Sequence[str], at: NDArray[np.float64]) -> NDArray[np.float64]:
-    import numpy as np
-
-    from cdobs_cli.exact.compiled import compile_floats
-
     function = compile_floats(expressions, names, arrays=True)
     with np.errstate(all="ignore"):
         columns = function(*np.moveaxis(np.asarray(at, dtype=float), -1, 0))
-    return np.stack([np.broadcast_to(np.asarray(column, dtype=float), at.shape[:-1]) for column in columns], axis=-1)
+    arrays = (np.asarray(column, dtype=float) for column in columns)
+    return np.stack([np.broadcast_to(array, at.shape[:-1]) for array in arrays], axis=-1)
 
 
-def _plant_in(typed: TypedDynamics, change: CoordinateMap) -> tuple[Plant, Coordinates]:
+def transformed(typed: TypedDynamics, coordinates: CoordinateMap | Literal["lie"]) -> tuple[Plant, Coordinates]:
+    """The plant in the coordinates, and the way back."""
     n = len(typed.states)
+    if n > MAX_TRANSFORMED:
+        raise wrong_plant("coordinates", f"at most {MAX_TRANSFORMED} states can be transformed", str(n))
+    change = lie_coordinates(typed) if coordinates == "lie" else coordinates
     back = dict(zip(typed.states, change.inverse, strict=True))
-    derived = tuple(simplify(lie_derivative(one, typed.states, typed.dynamics).substitute(back)) for one in change.map)
+    rates = (lie_derivative(one, typed.states, typed.dynamics) for one in change.map)
+    derived = substituted(tuple(rates), back)
     A = typed.A if typed.A is not None else _chain(n) if typed.coordinates == "lie" else ExactMatrix([[0] * n] * n)
-    phi = tuple(simplify(one - linear) for one, linear in zip(derived, linear_terms(A, typed, change.names), strict=True))
+    known = linear_terms(A, typed, change.names)
+    phi = tuple(simplify(one - linear) for one, linear in zip(derived, known, strict=True))
     if typed.coordinates != "lie" and typed.A is None:
         A, phi = linear_part(phi, change.names)
     C = linear_output(substituted(typed.output, back), change.names)
     phi = as_printed(phi, typed.phi)
-    region = typed_region(typed)
+    region = Region.of(typed)
     domain = image_domain(change, region) if typed.domain else Domain()
+    slopes = typed.slopes or automatic_slopes(phi, change.names)
     plant = Plant(
-        change.names, typed.inputs, A, phi, typed.B, C, typed.slopes or automatic_slopes(phi, change.names), typed.sampling,
-        domain, image_of_disturbance(typed, change, region), typed.noise,
+        change.names, typed.inputs, A, phi, typed.B, C, slopes, typed.sampling, domain,
+        image_of_disturbance(typed, change, region), typed.noise,
     )  # fmt: skip
     return plant, Coordinates(typed, change.names, change.map, change.inverse, derived, plant)
 
 
 def _chain(n: int) -> ExactMatrix:
     return ExactMatrix([[int(j == i + 1) for j in range(n)] for i in range(n)])
-
-
-def transformed(typed: TypedDynamics, coordinates: CoordinateMap | Literal["lie"]) -> tuple[Plant, Coordinates]:
-    n = len(typed.states)
-    if n > MAX_TRANSFORMED:
-        raise wrong_plant("coordinates", f"at most {MAX_TRANSFORMED} states can be transformed", str(n))
-    return _plant_in(typed, lie_coordinates(typed) if coordinates == "lie" else coordinates)

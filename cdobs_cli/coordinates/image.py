@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from math import isfinite
+from typing import TypeGuard
 
 from cdobs_cli.bounds.bounded import TRIAL, least_bound
 from cdobs_cli.bounds.region import Region
@@ -16,6 +17,7 @@ from cdobs_cli.plant import Box, CoordinateMap, Domain, Interval, TypedDynamics
 
 # Images are supersets in any case: a hundredth of their width is close enough.
 COARSE = 0.01
+Sides = Mapping[str, Interval]
 
 
 def _ends(function: Expression, region: Region) -> tuple[Exact | None, Exact | None]:
@@ -31,40 +33,42 @@ def image_domain(change: CoordinateMap, region: Region) -> Domain:
         low, high = _ends(one, region)
         if low is not None or high is not None:
             box[name] = Interval(low, high)
-    where: list[Expression] = []
-    if len(change.names) <= 3:
-        for i, a in enumerate(change.names):
-            for j, b in enumerate(change.names[:i]):
-                for side in (1, -1):
-                    where += _cuts(change, region, box, (a, i), (b, j), side)
-    return Domain(box, tuple(where))
+    pairs = [(i, j, side) for i in range(len(change.names)) for j in range(i) for side in (1, -1)]
+    found = (_cuts(change, region, box, *pair) for pair in (pairs if len(change.names) <= 3 else ()))
+    return Domain(box, tuple(cut for cuts in found for cut in cuts))
 
 
-def _cuts(
-    change: CoordinateMap, region: Region, box: Mapping[str, Interval], a: tuple[str, int], b: tuple[str, int], side: int
-) -> list[Expression]:
-    """Ends of z_a + side z_b that are tighter than those of the box."""
-    first, second = box.get(a[0]), box.get(b[0])
-    if first is None or second is None or None in (first.lower, first.upper, second.lower, second.upper):
+def _cuts(change: CoordinateMap, region: Region, box: Sides, i: int, j: int, side: int) -> list[Expression]:
+    """Ends of z_i + side z_j that are tighter than those of the box."""
+    a, b = (change.names[k] for k in (i, j))
+    known = [end for name in (a, b) if name in box for end in (box[name].lower, box[name].upper) if end is not None]
+    if len(known) < 4:
         return []
-    low, high = _ends(simplify(change.map[a[1]] + Number(side) * change.map[b[1]]), region)
-    combined = Variable(a[0]) + Variable(b[0]) if side > 0 else Variable(a[0]) - Variable(b[0])
-    opposite = -Variable(a[0]) - Variable(b[0]) if side > 0 else Variable(b[0]) - Variable(a[0])
-    near, far = (second.lower, second.upper) if side > 0 else (second.upper, second.lower)
-    room = 0.02 * (float(first.upper) - float(first.lower) + float(second.upper) - float(second.lower))  # type: ignore[arg-type]
+    low, high = _ends(simplify(change.map[i] + Number(side) * change.map[j]), region)
+    combined = Variable(a) + Variable(b) if side > 0 else Variable(a) - Variable(b)
+    opposite = -Variable(a) - Variable(b) if side > 0 else Variable(b) - Variable(a)
+    first_low, first_high, *second = map(float, known)
+    near, far = second if side > 0 else second[::-1]
+    room = 0.02 * (first_high - first_low + second[1] - second[0])
     cuts = []
-    if low is not None and float(low) > float(first.lower) + side * float(near) + room:  # type: ignore[arg-type]
+    if low is not None and float(low) > first_low + side * near + room:
         cuts.append(combined - low.expression)
-    if high is not None and float(high) < float(first.upper) + side * float(far) - room:  # type: ignore[arg-type]
+    if high is not None and float(high) < first_high + side * far - room:
         cuts.append(opposite + high.expression)
     return cuts
 
 
+def _is_finite(end: Exact | None) -> TypeGuard[Exact]:
+    return end is not None and isfinite(float(end))
+
+
 def image_box(map: Sequence[Expression], region: Region, path: tuple[str, ...]) -> Box:
     ends = [_ends(one, region) for one in map]
-    if any(low is None or high is None or not isfinite(float(low)) or not isfinite(float(high)) for low, high in ends):
-        raise SpecError((Problem(path, "its image in the coordinates has no bound", hint="give a domain, or a tighter one"),))
-    return Box(tuple(low for low, _ in ends if low is not None), tuple(high for _, high in ends if high is not None))
+    low, high = (tuple(filter(_is_finite, side)) for side in zip(*ends, strict=True))
+    if len(low) < len(ends) or len(high) < len(ends):
+        what = "its image in the coordinates has no bound"
+        raise SpecError((Problem(path, what, hint="give a domain, or a tighter one"),))
+    return Box(low, high)
 
 
 def image_of_disturbance(typed: TypedDynamics, change: CoordinateMap, region: Region) -> Box | None:
@@ -72,7 +76,6 @@ def image_of_disturbance(typed: TypedDynamics, change: CoordinateMap, region: Re
     if typed.disturbance is None:
         return None
     d = tuple(f"d.{i}" for i in range(len(typed.states)))
-    ends = {name: Interval(low, high) for name, low, high in zip(d, typed.disturbance.lower, typed.disturbance.upper, strict=True)}
-    held = Region.made({**region.ends, **ends}, (*region.names, *d), region.where)
+    held = region.beside(d, typed.disturbance)
     pushed = [lie_derivative(one, typed.states, [Variable(name) for name in d]) for one in change.map]
     return image_box(pushed, held, ("plant", "disturbance"))

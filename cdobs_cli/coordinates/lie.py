@@ -13,10 +13,7 @@ from cdobs_cli.plant import CoordinateMap, TypedDynamics
 
 def lie_derivative(h: Expression, states: Sequence[str], f: Sequence[Expression]) -> Expression:
     """L_f h = sum_j dh/dx_j f_j, cancelled."""
-    total: Expression = ZERO
-    for name, part in zip(states, f, strict=True):
-        total = total + h.derivative(name) * part
-    return simplify(total)
+    return simplify(sum((h.derivative(name) * part for name, part in zip(states, f, strict=True)), ZERO))
 
 
 def lie_coordinates(typed: TypedDynamics) -> CoordinateMap:
@@ -28,11 +25,12 @@ def lie_coordinates(typed: TypedDynamics) -> CoordinateMap:
     z = [simplify(typed.output[0])]
     for _ in typed.states[1:]:
         z.append(lie_derivative(z[-1], typed.states, drift))
-    nonnegative = {
-        name for name, ends in typed.domain.box.items() if ends.lower is not None and ends.lower.sign() in (0, 1)
-    }  # fmt: skip
-    inverse = solve([Variable(name) - one for name, one in zip(typed.names, z, strict=True)], typed.states, nonnegative)
+    box = typed.domain.box.items()
+    nonnegative = {name for name, ends in box if ends.lower is not None and ends.lower.sign() in (0, 1)}
+    equations = [Variable(name) - one for name, one in zip(typed.names, z, strict=True)]
+    inverse = solve(equations, typed.states, nonnegative)
     if inverse is None:
         shown = ", ".join(str(one) for one in z)
-        raise wrong_plant("coordinates", "the Lie derivatives could not be solved for the states", shown, "type `map` and `inverse`")
+        what = "the Lie derivatives could not be solved for the states"
+        raise wrong_plant("coordinates", what, shown, "type `map` and `inverse`")
     return CoordinateMap(typed.names, tuple(z), tuple(inverse[name] for name in typed.states))

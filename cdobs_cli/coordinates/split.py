@@ -5,32 +5,28 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from cdobs_cli.bounds.differ import compared
-from cdobs_cli.coordinates.typed import typed_region
+from cdobs_cli.bounds.region import Region
 from cdobs_cli.errors import Problem, SpecError
-from cdobs_cli.exact.expression import ZERO, Expression, Variable
+from cdobs_cli.exact.expression import ZERO, Call, Expression, Variable, terms
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
-from cdobs_cli.exact.rational import simplify
+from cdobs_cli.exact.rational import is_zero, simplify
 from cdobs_cli.plant import Plant, Slopes, TypedDynamics
 
+Trees = Sequence[Expression]
 
-def linear_terms(A: ExactMatrix, typed: TypedDynamics, names: Sequence[str]) -> list[Expression]:
-    """A z + B u."""
-    rows = []
-    for i in range(len(names)):
-        total: Expression = ZERO
-        for j, name in enumerate(names):
-            total = total + A[i, j].expression * Variable(name)
-        for j, source in enumerate(typed.inputs if typed.B is not None else ()):
-            assert typed.B is not None
-            total = total + typed.B[i, j].expression * Variable(source.name)
-        rows.append(total)
-    return rows
+
+def linear_terms(A: ExactMatrix | None, typed: TypedDynamics, names: Sequence[str]) -> list[Expression]:
+    """A z + B u, or B u alone."""
+    inputs = tuple(source.name for source in typed.inputs)
+    parts = [(matrix, columns) for matrix, columns in ((A, names), (typed.B, inputs)) if matrix is not None]
+    return [
+        sum((M[i, j].expression * Variable(name) for M, columns in parts for j, name in enumerate(columns)), ZERO)
+        for i in range(len(names))
+    ]  # fmt: skip
 
 
 def as_printed(phi: Sequence[Expression], printed: Sequence[Expression] | None) -> tuple[Expression, ...]:
     """Each component as the user printed it, where that is the same function."""
-    from cdobs_cli.exact.rational import is_zero
-
     if printed is None:
         return tuple(phi)
     return tuple(theirs if is_zero(own - theirs) else own for own, theirs in zip(phi, printed, strict=True))
@@ -38,33 +34,20 @@ def as_printed(phi: Sequence[Expression], printed: Sequence[Expression] | None) 
 
 def automatic_slopes(phi: Sequence[Expression], names: Sequence[str]) -> Slopes:
     """`auto` for every slope that is not identically 0."""
-    n = len(names)
-    zero = ExactMatrix([[0] * n] * n)
-    entries = ((i, j) for i in range(n) for j, name in enumerate(names) if simplify(phi[i].derivative(name)) != ZERO)
-    return Slopes(zero, zero, frozenset(entries))
+    zero = ExactMatrix([[0] * len(names)] * len(names))
+    slopes = (((i, j), one.derivative(name)) for i, one in enumerate(phi) for j, name in enumerate(names))
+    return Slopes(zero, zero, frozenset(at for at, slope in slopes if simplify(slope) != ZERO))
 
 
-def _terms(expression: Expression) -> list[Expression]:
-    """The terms of a sum."""
-    from cdobs_cli.exact.expression import MINUS_ONE, Call
-
-    if isinstance(expression, Call) and expression.function == "add":
-        return [term for child in expression.children for term in _terms(child)]
-    if isinstance(expression, Call) and expression.function == "multiply" and expression.children[0] == MINUS_ONE:
-        return [-term for term in _terms(expression.children[1])]
-    return [expression]
-
-
-def linear_part(f: Sequence[Expression], names: Sequence[str], *, cancel: bool = True) -> tuple[ExactMatrix, tuple[Expression, ...]]:
+def linear_part(f: Trees, names: Sequence[str], *, cancel: bool = True) -> tuple[ExactMatrix, tuple[Expression, ...]]:
     """A and the rest: f = A x + phi, where A takes the terms `constant * state` of each sum as it is typed."""
     rows, rest = [], []
     for one in f:
         row: list[Expression] = [ZERO] * len(names)
         left: Expression = ZERO
-        for term in _terms(simplify(one) if cancel else one):
-            slopes = [simplify(term.derivative(name)) for name in names]
-            linear = _is_plain(term) and not any(slope.variables for slope in slopes)
-            if linear and simplify(term.substitute(dict.fromkeys(names, ZERO))) == ZERO:
+        for term in terms(simplify(one) if cancel else one):
+            slopes = _slopes(term, names) if _is_plain(term) else None
+            if slopes is not None and simplify(term.substitute(dict.fromkeys(names, ZERO))) == ZERO:
                 row = [simplify(entry + slope) for entry, slope in zip(row, slopes, strict=True)]
             else:
                 left = left + term
@@ -73,27 +56,28 @@ def linear_part(f: Sequence[Expression], names: Sequence[str], *, cancel: bool =
     return ExactMatrix(rows), tuple(rest)
 
 
+def _slopes(one: Expression, names: Sequence[str]) -> list[Expression] | None:
+    """Its slopes, where all are constant."""
+    slopes = [simplify(one.derivative(name)) for name in names]
+    return None if any(slope.variables for slope in slopes) else slopes
+
+
 def _is_plain(term: Expression) -> bool:
     """A product of constants and variables: nothing that could be undefined somewhere."""
-    from cdobs_cli.exact.expression import Call
-
-    for node in term.walk():
-        if node.variables and isinstance(node, Call):
-            if node.function not in ("multiply", "add", "divide"):
-                return False
-            if node.function == "divide" and node.children[1].variables:
-                return False
-    return True
+    calls = [node for node in term.walk() if node.variables and isinstance(node, Call)]
+    return all(
+        node.function in ("multiply", "add") or (node.function == "divide" and not node.children[1].variables)
+        for node in calls
+    )  # fmt: skip
 
 
 def linear_output(outputs: Sequence[Expression], names: Sequence[str]) -> ExactMatrix:
     rows = []
     for k, one in enumerate(outputs):
-        slopes = [simplify(one.derivative(name)) for name in names]
-        offset = simplify(one.substitute(dict.fromkeys(names, ZERO))) if not any(slope.variables for slope in slopes) else None
-        if offset != ZERO:
-            what = "an output is linear in the states"
-            raise SpecError((Problem(("plant", "output", k), what, str(one), hint="use `coordinates` to make it one of them"),))
+        slopes = _slopes(one, names)
+        if slopes is None or simplify(one.substitute(dict.fromkeys(names, ZERO))) != ZERO:
+            what, hint = "an output is linear in the states", "use `coordinates` to make it one of them"
+            raise SpecError((Problem(("plant", "output", k), what, str(one), hint=hint),))
         rows.append([Exact(slope) for slope in slopes])
     return ExactMatrix(rows)
 
@@ -103,24 +87,21 @@ def split(typed: TypedDynamics) -> Plant:
 
     Raises: SpecError: an output that is not linear; a printed plant that is not this one.
     """
-    n = len(typed.states)
     C = linear_output(tuple(simplify(one) for one in typed.output), typed.states)
     if typed.C is not None and typed.C != C:
-        raise SpecError((Problem(("measurement", "C"), "is not that of `output`", str(typed.C.texts()), str(C.texts())),))
-    if typed.A is None:
-        A, phi = linear_part(typed.dynamics, typed.states, cancel=False)
-        if typed.B is not None:
-            inputs = linear_terms(ExactMatrix([[0] * n] * n), typed, typed.states)
-            phi = tuple(simplify(one - part) for one, part in zip(phi, inputs, strict=True))
-    else:
-        A = typed.A
-        phi = tuple(simplify(f - part) for f, part in zip(typed.dynamics, linear_terms(A, typed, typed.states), strict=True))
-    region = typed_region(typed)
+        got, allowed = str(typed.C.texts()), str(C.texts())
+        raise SpecError((Problem(("measurement", "C"), "is not that of `output`", got, allowed),))
+    A, phi = (typed.A, typed.dynamics) if typed.A else linear_part(typed.dynamics, typed.states, cancel=False)
+    if typed.A is not None or typed.B is not None:
+        known = linear_terms(typed.A, typed, typed.states)
+        phi = tuple(simplify(one - part) for one, part in zip(phi, known, strict=True))
+    region = Region.of(typed)
     for i, printed in enumerate(typed.phi or ()):
-        found = compared(printed, phi[i], region)
-        if found.status == "refuted":
-            raise SpecError((Problem(("plant", "phi", i), "is not what `dynamics` leaves beside A x + B u", str(printed), str(phi[i])),))
+        if compared(printed, phi[i], region).status == "refuted":
+            what = "is not what `dynamics` leaves beside A x + B u"
+            raise SpecError((Problem(("plant", "phi", i), what, str(printed), str(phi[i])),))
+    slopes = typed.slopes or automatic_slopes(phi, typed.states)
     return Plant(
-        typed.states, typed.inputs, A, as_printed(phi, typed.phi), typed.B, C, typed.slopes or automatic_slopes(phi, typed.states),
-        typed.sampling, typed.domain, typed.disturbance, typed.noise,
+        typed.states, typed.inputs, A, as_printed(phi, typed.phi), typed.B, C, slopes, typed.sampling, typed.domain,
+        typed.disturbance, typed.noise,
     )  # fmt: skip

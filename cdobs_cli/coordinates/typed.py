@@ -1,17 +1,10 @@
-"""Typed dynamics as regions and plants that claims are about."""
+"""Typed dynamics as the plant that claims are about, and mistakes in them."""
 
 from __future__ import annotations
 
-from cdobs_cli.bounds.region import Region
 from cdobs_cli.errors import Problem, SpecError
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.plant import Plant, Slopes, TypedDynamics
-
-
-def typed_region(typed: TypedDynamics) -> Region:
-    """The typed domain and the input ranges."""
-    ends = dict(typed.domain.box) | {source.name: source.range for source in typed.inputs if source.range is not None}
-    return Region.made(ends, typed.states + tuple(source.name for source in typed.inputs), typed.domain.where)
 
 
 def typed_plant(typed: TypedDynamics) -> Plant:
@@ -20,7 +13,8 @@ def typed_plant(typed: TypedDynamics) -> Plant:
     zero = ExactMatrix([[0] * n] * n)
     C = ExactMatrix([[0] * n])
     return Plant(
-        typed.states, typed.inputs, zero, typed.dynamics, None, C, Slopes(zero, zero), typed.sampling, typed.domain, typed.disturbance,
+        typed.states, typed.inputs, zero, typed.dynamics, None, C, Slopes(zero, zero), typed.sampling, typed.domain,
+        typed.disturbance,
     )  # fmt: skip
 
 

@@ -14,6 +14,8 @@ from typing import Any
 from cdobs_cli.exact.expression import Call, Constant, Expression, Number, Power, Variable
 from cdobs_cli.exact.language import LANGUAGE
 
+Compiled = Callable[..., tuple[Any, ...]]
+
 
 @cache
 def _table(*, arrays: bool) -> dict[str, Any]:
@@ -42,7 +44,7 @@ def _code(node: Expression, local: dict[Expression, str]) -> str:
     return code.format(*arguments) if code else f"{node.function}({', '.join(arguments)})"
 
 
-def compile_floats(expressions: Sequence[Expression], names: Sequence[str], *, arrays: bool) -> Callable[..., tuple[Any, ...]]:
+def compile_floats(expressions: Sequence[Expression], names: Sequence[str], *, arrays: bool) -> Compiled:
     """One function of `names`, in that order, that returns the tuple of all values.
 
     Args:
@@ -55,21 +57,17 @@ def compile_floats(expressions: Sequence[Expression], names: Sequence[str], *, a
     arguments = {name: f"a{index}" for index, name in enumerate(names)}
     lines: list[str] = []
     for expression in expressions:
-        for node in expression.walk():
-            if node in local:
-                continue
+        for node in expression.walk(local):
             if isinstance(node, Variable):
                 local[node] = arguments[node.name]
+            elif isinstance(node, Number | Constant):
+                local[node] = f"({_code(node, local)})"
             else:
-                code = _code(node, local)
-                if isinstance(node, Number | Constant):
-                    local[node] = f"({code})"
-                else:
-                    local[node] = f"v{len(lines)}"
-                    lines.append(f"    {local[node]} = {code}")
+                lines.append(f"    v{len(lines)} = {_code(node, local)}")
+                local[node] = f"v{len(lines) - 1}"
     results = "".join(f"{local[expression]}, " for expression in expressions)
     source = "\n".join([f"def function({', '.join(arguments.values())}):", *lines, f"    return ({results})"])
     table: dict[str, Any] = {"__builtins__": {}} | _table(arrays=arrays)
     exec(compile(source, "<compiled expression>", "exec"), table)  # noqa: S102 - our own code, see the module's text
-    function: Callable[..., tuple[Any, ...]] = table["function"]
+    function: Compiled = table["function"]
     return function

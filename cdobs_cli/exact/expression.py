@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 
 N = TypeVar("N", bound="Expression")
+T = TypeVar("T")
 MAX_DEPTH = 600  # what recursion over a tree can take
 MAX_ROOT = 12  # exponents with larger denominators are decimals, not roots
 
@@ -43,7 +44,7 @@ class Expression:
     depth: int
 
     def __reduce__(self) -> tuple[Any, ...]:
-        raise NotImplementedError
+        return type(self), tuple(getattr(self, name) for name in self.__slots__)
 
     def __neg__(self) -> Expression:
         return Number(-self.value) if isinstance(self, Number) else multiply(MINUS_ONE, self)
@@ -68,7 +69,7 @@ class Expression:
         return f"Expression({str(self)!r})"
 
     def walk(self, done: Container[Expression] = ()) -> Iterator[Expression]:
-        """Every distinct node, children before parents, but those that are done and what only they are made of."""
+        """Every distinct node, children before parents, but those that are done and what only these are made of."""
         seen: set[Expression] = set()
         stack: list[tuple[Expression, bool]] = [(self, False)]
         while stack:
@@ -87,6 +88,24 @@ class Expression:
         """Names of the variables that occur."""
         return frozenset(node.name for node in self.walk() if isinstance(node, Variable))
 
+    def read(
+        self,
+        leaf: Callable[[Expression], T],
+        raised: Callable[[T, Fraction], T],
+        functions: Mapping[str, Callable[..., T]],
+        memo: dict[Expression, T] | None = None,
+    ) -> T:
+        """The value in some arithmetic, by its leaves, powers and functions; `memo` holds what is known already."""
+        memo = {} if memo is None else memo
+        for node in self.walk(memo):
+            if isinstance(node, Call):
+                memo[node] = functions[node.function](*[memo[child] for child in node.children])
+            elif isinstance(node, Power):
+                memo[node] = raised(memo[node.base], node.exponent)
+            else:
+                memo[node] = leaf(node)
+        return memo[self]
+
     def ball(self, env: Mapping[str, arb], memo: dict[Expression, arb] | None = None) -> arb:
         """Enclosure of the value where every variable lies in its ball; not finite where undefined.
 
@@ -94,17 +113,10 @@ class Expression:
         """
         from cdobs_cli.exact.functions import BALL_FUNCTIONS, exact_ball, power_ball
 
-        memo = {} if memo is None else memo
-        for node in self.walk(memo):
-            if isinstance(node, Variable):
-                memo[node] = env[node.name]
-            elif isinstance(node, Call):
-                memo[node] = BALL_FUNCTIONS[node.function](*(memo[child] for child in node.children))
-            elif isinstance(node, Power):
-                memo[node] = power_ball(memo[node.base], node.exponent)
-            else:
-                memo[node] = exact_ball(node)
-        return memo[self]
+        def leaf(node: Expression) -> arb:
+            return env[node.name] if isinstance(node, Variable) else exact_ball(node)
+
+        return self.read(leaf, power_ball, BALL_FUNCTIONS, memo)
 
     def derivative(self, name: str) -> Expression:
         """The partial derivative; abs, min, max and sat give `sign` and `step`, whose balls enclose
@@ -132,18 +144,19 @@ class Expression:
 
     def substitute(self, env: Mapping[str, Expression]) -> Expression:
         """The expression with variables replaced; constants fold."""
-        memo: dict[Expression, Expression] = {}
-        for node in self.walk():
+        return self.replaced({Variable(name): value for name, value in env.items()})
+
+    def replaced(self, values: Mapping[Expression, Expression]) -> Expression:
+        """The expression with nodes replaced; constants fold."""
+        memo = dict(values)
+        for node in self.walk(values):
             spend(1)
-            if isinstance(node, Variable):
-                memo[node] = env.get(node.name, node)
-            elif isinstance(node, Power):
-                memo[node] = power(memo[node.base], node.exponent)
-            elif isinstance(node, Call):
-                memo[node] = call(node.function, *(memo[child] for child in node.children))
-            else:
-                memo[node] = node
+            memo[node] = node.over(memo)
         return memo[self]
+
+    def over(self, values: Mapping[Expression, Expression]) -> Expression:
+        """The node with the values of its children, folded."""
+        return self
 
 
 _KNOWN: WeakValueDictionary[tuple[object, ...], Expression] = WeakValueDictionary()
@@ -164,6 +177,8 @@ def _node(kind: type[N], children: tuple[Expression, ...], *content: object) -> 
     node.depth = 1 + max((child.depth for child in children), default=0)
     if node.depth > MAX_DEPTH:
         raise WorkError
+    for name, value in zip(kind.__slots__, content, strict=True):
+        setattr(node, name, value)
     _KNOWN[key] = node
     return node
 
@@ -175,13 +190,7 @@ class Number(Expression):
     value: Fraction
 
     def __new__(cls, value: Fraction | int) -> Number:
-        value = Fraction(value)
-        node = _node(cls, (), value)
-        node.value = value
-        return node
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Number, (self.value,)
+        return _node(cls, (), Fraction(value))
 
 
 class Constant(Expression):
@@ -191,12 +200,7 @@ class Constant(Expression):
     name: str
 
     def __new__(cls, name: str) -> Constant:
-        node = _node(cls, (), name)
-        node.name = name
-        return node
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Constant, (self.name,)
+        return _node(cls, (), name)
 
 
 class Variable(Expression):
@@ -206,12 +210,7 @@ class Variable(Expression):
     name: str
 
     def __new__(cls, name: str) -> Variable:
-        node = _node(cls, (), name)
-        node.name = name
-        return node
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Variable, (self.name,)
+        return _node(cls, (), name)
 
 
 class Power(Expression):
@@ -222,12 +221,10 @@ class Power(Expression):
     exponent: Fraction
 
     def __new__(cls, base: Expression, exponent: Fraction) -> Power:
-        node = _node(cls, (base,), exponent)
-        node.base, node.exponent = base, exponent
-        return node
+        return _node(cls, (base,), base, exponent)
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Power, (self.base, self.exponent)
+    def over(self, values: Mapping[Expression, Expression]) -> Expression:
+        return power(values[self.base], self.exponent)
 
 
 class Call(Expression):
@@ -237,12 +234,13 @@ class Call(Expression):
     function: str
 
     def __new__(cls, function: str, arguments: tuple[Expression, ...]) -> Call:
-        node = _node(cls, arguments, function)
-        node.function = function
-        return node
+        return _node(cls, arguments, function)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Call, (self.function, self.children)
+
+    def over(self, values: Mapping[Expression, Expression]) -> Expression:
+        return call(self.function, *[values[child] for child in self.children])
 
 
 ZERO, ONE, MINUS_ONE = Number(0), Number(1), Number(-1)
@@ -315,6 +313,28 @@ _ARITHMETIC: dict[str, Callable[[Expression, Expression], Expression]] = {
 }  # fmt: skip
 
 
+def negated(node: Expression) -> Expression | None:
+    """x where the node is -x: a negative number, or a product with -1."""
+    if isinstance(node, Number):
+        return Number(-node.value) if node.value < 0 else None
+    is_product = isinstance(node, Call) and node.function == "multiply"
+    return node.children[1] if is_product and node.children[0] == MINUS_ONE else None
+
+
+def terms(total: Expression) -> list[Expression]:
+    """The terms of a sum, each with its sign."""
+    found, open_nodes = [], [(total, False)]
+    while open_nodes:
+        node, turned = open_nodes.pop()
+        if isinstance(node, Call) and node.function == "add":
+            open_nodes += [(child, turned) for child in reversed(node.children)]
+        elif isinstance(node, Call) and (inner := negated(node)) is not None:
+            open_nodes.append((inner, not turned))
+        else:
+            found.append(-node if turned else node)
+    return found
+
+
 def typed_product(a: Expression, b: Expression) -> Expression:
     """a b, not folded where that would hide a variable: definedness is judged on the typed tree."""
     return Call("multiply", (a, b)) if ZERO in (a, b) and (a.variables or b.variables) else a * b
@@ -355,9 +375,8 @@ _INFIX = {"add": ("+", 1), "multiply": ("*", 2), "divide": ("/", 2)}
 
 def _text(node: Expression, level: int) -> str:
     if isinstance(node, Number):
-        value = node.value
-        text = fraction_text(value)
-        return f"({text})" if (value < 0 or "/" in text) and level > 0 else text
+        text = fraction_text(node.value)
+        return f"({text})" if (node.value < 0 or "/" in text) and level > 0 else text
     if isinstance(node, Constant | Variable):
         return node.name
     if isinstance(node, Power):
@@ -373,14 +392,12 @@ def _text(node: Expression, level: int) -> str:
         return f"{node.function}({', '.join(arguments)})"
     sign, own = _INFIX[node.function]
     left, right = node.children
-    if node.function == "multiply" and left == MINUS_ONE:
+    if negated(node) is not None:
         text = f"-{_text(right, 3)}"
         return f"({text})" if level > 0 else text
-    if node.function == "add" and isinstance(right, Number) and right.value < 0:
-        text = f"{_text(left, own)} - {_text(Number(-right.value), 2)}"
-        return f"({text})" if level > own else text
-    if node.function == "add" and isinstance(right, Call) and right.function == "multiply" and right.children[0] == MINUS_ONE:
-        text = f"{_text(left, own)} - {_text(right.children[1], 2)}"
+    taken = negated(right) if node.function == "add" else None
+    if taken is not None:
+        text = f"{_text(left, own)} - {_text(taken, 2)}"
         return f"({text})" if level > own else text
     # a * (b / c) must keep its brackets: the printed text is read back to the same tree.
     same = {"multiply": ("multiply", "divide"), "add": ("add",), "divide": ()}[node.function]

@@ -109,12 +109,8 @@ class Function:
             below = slope(self.shape.below(*arguments))
             difference = slope(self.shape.above(*arguments)) - below
             return below if difference == ZERO else below + call("step", self.shape.condition(*arguments)) * difference
-        total: Expression = ZERO
-        for partial, argument in zip(self.partials, arguments, strict=True):
-            inner = slope(argument)
-            if inner != ZERO:
-                total = total + partial(*arguments) * inner
-        return total
+        inner = [(partial, slope(argument)) for partial, argument in zip(self.partials, arguments, strict=True)]
+        return sum((partial(*arguments) * rate for partial, rate in inner if rate != ZERO), ZERO)
 
     def conditions(self, *arguments: Expression) -> Iterator[tuple[Expression, Need]]:
         """What must hold for the function to have a value."""

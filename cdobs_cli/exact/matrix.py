@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
+from operator import add, mul, sub
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from flint import arb, arb_mat, fmpq, fmpq_mat
@@ -55,7 +56,7 @@ class Matrix:
 
     @staticmethod
     def from_exact(matrix: ExactMatrix) -> Matrix:
-        return Matrix.from_rows([entry.ball() if entry.rational is None else entry.rational for entry in row] for row in matrix.rows)
+        return Matrix.from_rows([entry.scalar for entry in row] for row in matrix.rows)
 
     @staticmethod
     def from_floats(array: NDArray[np.float64] | Sequence[Sequence[float]]) -> Matrix:
@@ -84,7 +85,7 @@ class Matrix:
 
     def balls(self) -> Matrix:
         """The same matrix over arb at the working precision."""
-        return Matrix(arb_mat(self.data)) if self.is_rational else self
+        return Matrix(self.arb)
 
     @property
     def arb(self) -> arb_mat:
@@ -92,21 +93,16 @@ class Matrix:
         return arb_mat(self.data) if isinstance(self.data, fmpq_mat) else self.data
 
     def _with(self, other: Matrix) -> tuple[Any, Any]:
-        if self.is_rational and other.is_rational:
-            return self.data, other.data
-        return self.arb, other.arb
+        return (self.data, other.data) if self.is_rational and other.is_rational else (self.arb, other.arb)
 
     def __matmul__(self, other: Matrix) -> Matrix:
-        left, right = self._with(other)
-        return Matrix(left * right)
+        return Matrix(mul(*self._with(other)))
 
     def __add__(self, other: Matrix) -> Matrix:
-        left, right = self._with(other)
-        return Matrix(left + right)
+        return Matrix(add(*self._with(other)))
 
     def __sub__(self, other: Matrix) -> Matrix:
-        left, right = self._with(other)
-        return Matrix(left - right)
+        return Matrix(sub(*self._with(other)))
 
     def __neg__(self) -> Matrix:
         return self * -1
@@ -126,16 +122,16 @@ class Matrix:
     def __getitem__(self, index: tuple[Any, Any]) -> Any:
         """An entry for two integers, a submatrix where either index is a slice or a list."""
         i, j = index
+        height, width = self.shape
         if isinstance(i, int) and isinstance(j, int):
-            height, width = self.shape
             return self.data[i % height, j % width]
-        rows = _positions(i, self.shape[0])
-        columns = _positions(j, self.shape[1])
+        rows, columns = _positions(i, height), _positions(j, width)
         kind = fmpq_mat if self.is_rational else arb_mat
         return Matrix(kind(len(rows), len(columns), [self.data[a, b] for a in rows for b in columns]))
 
     def tolist(self) -> list[list[Any]]:
-        return [[self.data[i, j] for j in range(self.shape[1])] for i in range(self.shape[0])]
+        rows: list[list[Any]] = self.data.tolist()
+        return rows
 
     def exp(self, t: Scalar = 1) -> Matrix:
         """exp(M t), enclosed."""
@@ -158,33 +154,29 @@ class Matrix:
         """Midpoints as floats."""
         import numpy as np
 
-        flat = [float(arb(value).mid()) for row in self.tolist() for value in row]
-        return np.array(flat).reshape(self.shape)
+        return np.array([[float(arb(value).mid()) for value in row] for row in self.tolist()]).reshape(self.shape)
 
 
 def _positions(index: Any, size: int) -> list[int]:
     if isinstance(index, slice):
         return list(range(size))[index]
-    return [index % size] if isinstance(index, int) else [position % size for position in index]
+    return [position % size for position in ([index] if isinstance(index, int) else index)]
 
 
 def block(rows: Sequence[Sequence[T]]) -> T:
     """A block matrix of numpy arrays, Matrix objects, or cvxpy expressions."""
-    first: Any = rows[0][0]
-    if isinstance(first, Matrix):
-        table = [
-            [value for part in row for value in part.data.table()[i]]  # type: ignore[attr-defined]
-            for row in rows
-            for i in range(row[0].shape[0])  # type: ignore[attr-defined]
-        ]
+    parts: list[list[Any]] = [list(row) for row in rows]
+    if isinstance(parts[0][0], Matrix):
+        lines = [line for row in parts for line in zip(*(part.tolist() for part in row), strict=True)]
+        table = [[value for part in line for value in part] for line in lines]
         return Matrix.from_rows(table)  # type: ignore[return-value]
     import numpy as np
 
-    if all(isinstance(part, np.ndarray) for row in rows for part in row):
-        return np.block([list(row) for row in rows])  # type: ignore[return-value]
+    if all(isinstance(part, np.ndarray) for row in parts for part in row):
+        return np.block(parts)  # type: ignore[return-value]
     import cvxpy
 
-    stacked: T = cvxpy.bmat([list(row) for row in rows])
+    stacked: T = cvxpy.bmat(parts)
     return stacked
 
 

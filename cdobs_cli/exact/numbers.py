@@ -18,7 +18,7 @@ from cdobs_cli.exact.parser import parse
 
 if TYPE_CHECKING:
     import numpy as np
-    from flint import arb
+    from flint import arb, fmpq
     from numpy.typing import NDArray
 
     from cdobs_cli.exact.matrix import Matrix
@@ -48,10 +48,12 @@ class Exact:
         return self.expression.ball({})
 
     @property
-    def scalar(self) -> Fraction | arb:
-        """The rational where it is one, else its ball: what exact matrices are multiplied with."""
+    def scalar(self) -> fmpq | arb:
+        """As flint computes with it: a rational where the number is one, else its ball."""
+        from flint import fmpq
+
         rational = self.rational
-        return self.ball() if rational is None else rational
+        return self.ball() if rational is None else fmpq(rational.numerator, rational.denominator)
 
     def __float__(self) -> float:
         return float(self.expression.value) if isinstance(self.expression, Number) else float(self.ball().mid())
@@ -145,7 +147,8 @@ class ExactMatrix:
     @staticmethod
     def from_document(rows: Any) -> ExactMatrix:
         """What `texts` wrote. Raises: TypeError, ValueError on anything else."""
-        if not isinstance(rows, list) or not all(isinstance(row, list) and all(isinstance(text, str) for text in row) for row in rows):
+        is_list = isinstance(rows, list) and all(isinstance(row, list) for row in rows)
+        if not is_list or not all(isinstance(text, str) for row in rows for text in row):
             raise TypeError("a matrix is a list of rows of texts")
         return ExactMatrix(rows)
 
@@ -169,6 +172,11 @@ def arb_fraction(value: arb) -> Fraction:
     """The exact rational value of an exact ball (a dyadic number)."""
     mantissa, exponent = value.man_exp()
     return Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
+
+
+def fmpq_fraction(value: fmpq) -> Fraction:
+    """The same rational, as Python's."""
+    return Fraction(int(value.p), int(value.q))
 
 
 def lower_text(value: arb, digits: int = 12) -> str:

@@ -7,9 +7,11 @@ evaluated as Python. Decimals become exact rationals.
 from __future__ import annotations
 
 import ast
+import operator
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from fractions import Fraction
 
 from cdobs_cli.exact.budget import WorkError
@@ -33,6 +35,9 @@ MAX_EXPONENT = 64
 MAX_DECIMAL_EXPONENT = 400
 CONSTANTS = ("pi", "e")
 MAX_DENOMINATOR = 10**6
+_OPERATIONS: Mapping[type[ast.operator], Callable[[Expression, Expression], Expression]] = {
+    ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: typed_product, ast.Div: operator.truediv,
+}  # fmt: skip
 _NUMBER = re.compile(r"(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\Z", re.ASCII)
 
 
@@ -88,11 +93,12 @@ def parse(
         raise ExpressionError("an expression that cannot be read") from None
 
 
+@dataclass(frozen=True)
 class _Reader:
-    def __init__(
-        self, source: str, names: frozenset[str], known: Mapping[str, Expression], functions: Mapping[str, tuple[int, ...]]
-    ) -> None:
-        self.source, self.names, self.known, self.functions = source, names, known, functions
+    source: str
+    names: frozenset[str]
+    known: Mapping[str, Expression]
+    functions: Mapping[str, tuple[int, ...]]
 
     def read(self, node: ast.expr, depth: int) -> Expression:
         if depth > MAX_DEPTH * 3:
@@ -126,26 +132,20 @@ class _Reader:
         if node.id in CONSTANTS:
             return Constant(node.id)
         allowed = sorted({*self.names, *self.known, *CONSTANTS})
-        raise ExpressionError(f"unknown name {node.id!r}{nearest(node.id, allowed)}; known: {', '.join(allowed)}", node.col_offset)
+        hint = f"{nearest(node.id, allowed)}; known: {', '.join(allowed)}"
+        raise ExpressionError(f"unknown name {node.id!r}{hint}", node.col_offset)
 
     def binary(self, node: ast.BinOp, depth: int) -> Expression:
         if isinstance(node.op, ast.BitXor):
             raise ExpressionError("a power is written **, not ^", self.source.index("^", node.left.end_col_offset))
         left = self.read(node.left, depth + 1)
         right = self.read(node.right, depth + 1)
-        match node.op:
-            case ast.Add():
-                result = left + right
-            case ast.Sub():
-                result = left - right
-            case ast.Mult():
-                result = typed_product(left, right)
-            case ast.Div():
-                result = left / right
-            case ast.Pow():
-                result = self.power(left, right, node)
-            case _:
-                raise ExpressionError("only + - * / ** are allowed between values", node.col_offset)
+        if isinstance(node.op, ast.Pow):
+            result = self.power(left, right, node)
+        elif type(node.op) in _OPERATIONS:
+            result = _OPERATIONS[type(node.op)](left, right)
+        else:
+            raise ExpressionError("only + - * / ** are allowed between values", node.col_offset)
         if isinstance(result, Number):
             check_size(result.value, node.col_offset)
         return result

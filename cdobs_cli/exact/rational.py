@@ -7,10 +7,10 @@ with its own argument brought to this form first. Cancelling may enlarge the set
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
+from functools import lru_cache, reduce
 from math import comb, floor, inf, lcm
 from typing import Any
 
@@ -19,7 +19,6 @@ from flint import Ordering, fmpq, fmpq_mpoly_ctx
 from cdobs_cli.exact.budget import forgotten, spend
 from cdobs_cli.exact.expression import (
     MAX_ROOT,
-    MINUS_ONE,
     ZERO,
     Call,
     Constant,
@@ -29,18 +28,26 @@ from cdobs_cli.exact.expression import (
     Power,
     Variable,
     call,
+    multiply,
+    negated,
     power,
+    terms,
 )
 from cdobs_cli.exact.language import LANGUAGE
+from cdobs_cli.exact.numbers import fmpq_fraction
 
 MAX_TERMS = 600
 MAX_DEGREE = 64
+_ARITHMETIC = ("add", "multiply", "divide")
 _FACTORED_TERMS = 80
 _FACTORED_WORK = 300_000
 
 
 class TooLargeError(ValueError):
     """The polynomials grew beyond use."""
+
+
+_NO_FORM = (TooLargeError, ZeroDivisionError, ExpressionError, OverflowError, RecursionError)
 
 
 @dataclass(frozen=True)
@@ -53,31 +60,20 @@ class Quotient:
 
     def expression(self) -> Expression:
         """Back to a tree: factored, integer coefficients inside, signs outside."""
-        top, bottom = self.ring.factors(self.numerator), self.ring.factors(self.denominator)
-        coefficient = top.coefficient / bottom.coefficient
-        below = [(base, -exponent) for base, exponent in map(_split, bottom.factors)]
-        parts = _joined([*map(_split, top.factors), *below])
+        (coefficient, top), (divisor, bottom) = map(self.ring.factors, (self.numerator, self.denominator))
+        coefficient /= divisor
+        below = ((base, -exponent) for base, exponent in map(_split, bottom))
+        parts = _joined([*map(_split, top), *below])
         factors = [power(base, exponent) for base, exponent in parts if exponent > 0]
         if coefficient < 0:
             # a - b rather than -(b - a).
-            k = next(
-                (
-                    k
-                    for k, one in enumerate(factors)
-                    if isinstance(one, Call) and one.function == "add" and any(map(_is_minus, _terms(one)))
-                ),
-                None,
-            )
+            sums = (k for k, one in enumerate(factors) if len(terms(one)) > 1 and any(map(_is_minus, terms(one))))
+            k = next(sums, None)
             if k is not None:
-                factors[k], coefficient = _negated(factors[k]), -coefficient
-        value: Expression = Number(abs(coefficient.numerator))
-        for factor in factors:
-            value = value * factor
-        divisor: Expression = Number(coefficient.denominator)
-        for base, exponent in parts:
-            if exponent < 0:
-                divisor = divisor * power(base, -exponent)
-        value = value / divisor
+                factors[k], coefficient = _turned(factors[k]), -coefficient
+        value = _product(factors, Number(abs(coefficient.numerator)))
+        divisors = (power(base, -exponent) for base, exponent in parts if exponent < 0)
+        value = value / _product(divisors, Number(coefficient.denominator))
         return -value if coefficient < 0 else value
 
 
@@ -94,31 +90,18 @@ def _joined(factors: Iterable[tuple[Expression, Fraction]]) -> list[tuple[Expres
     return list(exponents.items())
 
 
+def _product(factors: Iterable[Expression], start: Expression) -> Expression:
+    return reduce(multiply, factors, start)
+
+
 def _is_minus(term: Expression) -> bool:
-    if isinstance(term, Number):
-        return term.value < 0
-    return isinstance(term, Call) and term.function == "multiply" and term.children[0] == MINUS_ONE
+    return negated(term) is not None
 
 
-def _terms(total: Expression) -> list[Expression]:
-    if isinstance(total, Call) and total.function == "add":
-        return [*_terms(total.children[0]), *_terms(total.children[1])]
-    return [total]
-
-
-def _negated(total: Expression) -> Expression:
+def _turned(total: Expression) -> Expression:
     """-(a - b) as b - a, term by term, what stays positive first."""
-    turned = [term.children[1] if _is_minus(term) and isinstance(term, Call) else -term for term in _terms(total)]
-    result: Expression = ZERO
-    for term in sorted(turned, key=_is_minus):
-        result = result + term
-    return result
-
-
-@dataclass(frozen=True)
-class _Factors:
-    coefficient: Fraction
-    factors: tuple[Expression, ...]
+    turned = [negated(term) or -term for term in terms(total)]
+    return sum(sorted(turned, key=_is_minus), ZERO)
 
 
 class Ring:
@@ -138,6 +121,7 @@ class Ring:
 
         Raises: ZeroDivisionError, TooLargeError.
         """
+        spend(3)
         if bottom.is_zero():
             raise ZeroDivisionError("division by an expression that is identically zero")
         if max(len(top), len(bottom)) > MAX_TERMS or max((*top.degrees(), *bottom.degrees()), default=0) > MAX_DEGREE:
@@ -166,18 +150,20 @@ class Ring:
         spend(_product_work(a, b))
         return self.quotient(a.numerator * b.denominator, a.denominator * b.numerator)
 
-    def power(self, a: Quotient, exponent: int) -> Quotient:
-        size = abs(exponent)
-        terms = max(comb(len(part) + size - 1, size) for part in (a.numerator, a.denominator) if len(part)) if len(a.numerator) else 1
-        if terms > 4 * MAX_TERMS or max((*a.numerator.degrees(), *a.denominator.degrees()), default=0) * size > MAX_DEGREE:
+    def power(self, a: Quotient, exponent: Fraction) -> Quotient:
+        size = abs(exponent.numerator)
+        parts = (a.numerator, a.denominator)
+        count = max(comb(len(part) + size - 1, size) for part in parts if len(part)) if len(a.numerator) else 1
+        if count > 4 * MAX_TERMS or max((d for part in parts for d in part.degrees()), default=0) * size > MAX_DEGREE:
             raise TooLargeError
-        spend(terms * size)
+        spend(count * size)
         top, bottom = a.numerator**size, a.denominator**size
         return self.quotient(top, bottom) if exponent > 0 else self.quotient(bottom, top)
 
-    def factors(self, polynomial: Any) -> _Factors:
+    def factors(self, polynomial: Any) -> tuple[Fraction, list[Expression]]:
+        """A coefficient, and factors whose leading coefficients are positive."""
         if polynomial.is_zero():
-            return _Factors(Fraction(0), ())
+            return Fraction(0), []
         work = _factoring_work(polynomial) if len(polynomial) <= _FACTORED_TERMS else inf
         spend(len(polynomial))
         if work <= _FACTORED_WORK:
@@ -185,13 +171,13 @@ class Ring:
             content, parts = polynomial.factor()
         else:
             content, parts = fmpq(1), [(polynomial, 1)]
-        coefficient = _fraction(content)
+        coefficient = fmpq_fraction(content)
         factors = []
         for part, multiplicity in parts:
             side = 1 if part.leading_coefficient() > 0 else -1
             coefficient *= side ** int(multiplicity)
             factors.append(_raised(self._sum(part * side), int(multiplicity)))
-        return _Factors(coefficient, tuple(factors))
+        return coefficient, factors
 
     def collected(self, polynomial: Any, index: int) -> dict[int, Expression]:
         """Coefficients by powers of one generator."""
@@ -204,21 +190,15 @@ class Ring:
         return {degree: self._sum(part) for degree, part in parts.items()}
 
     def _sum(self, polynomial: Any) -> Expression:
-        positive: Expression = ZERO
-        negative: list[Expression] = []
+        signed: tuple[list[Expression], list[Expression]] = [], []
         for powers, value in polynomial.terms():
-            coefficient = _fraction(value)
-            term: Expression = Number(abs(coefficient))
-            held = [(*_split(one), int(count)) for one, count in zip(self.generators, powers, strict=False) if count]
-            for base, exponent in _joined((base, inner * count) for base, inner, count in held):
-                term = term * power(base, exponent)
-            if coefficient > 0:
-                positive = positive + term
-            else:
-                negative.append(term)
-        for term in negative:
-            positive = positive - term
-        return positive
+            coefficient = fmpq_fraction(value)
+            held = [(_split(one), int(count)) for one, count in zip(self.generators, powers, strict=False) if count]
+            factors = _joined((base, inner * count) for (base, inner), count in held)
+            term = _product((power(*factor) for factor in factors), Number(abs(coefficient)))
+            signed[coefficient < 0].append(term)
+        positive, negative = signed
+        return sum((-term for term in negative), sum(positive, ZERO))
 
 
 def _bits(polynomial: Any) -> int:
@@ -250,10 +230,6 @@ def _raised(generator: Expression, exponent: int) -> Expression:
     return power(base, inner * exponent)
 
 
-def _fraction(value: fmpq) -> Fraction:
-    return Fraction(int(value.p), int(value.q))
-
-
 def quotients(expressions: Sequence[Expression]) -> list[Quotient]:
     """The canonical forms of several expressions in one ring.
 
@@ -270,21 +246,13 @@ def quotients(expressions: Sequence[Expression]) -> list[Quotient]:
         for part in (divisor for divisor in range(1, degree) if degree % divisor == 0):
             root = power(generator.children[0], Fraction(1, part))
             memo[root] = Quotient(ring, ring.gens[k] ** (degree // part), one)
-    for expression in prepared:
-        for node in expression.walk(memo):
-            spend(3)
-            memo[node] = _quotient(node, memo, ring)
-    return [memo[expression] for expression in prepared]
+    arithmetic = {"add": ring.add, "multiply": ring.multiply, "divide": ring.divide}
 
+    def leaf(node: Expression) -> Quotient:
+        assert isinstance(node, Number)
+        return Quotient(ring, ring.constant(node.value), one)
 
-def _quotient(node: Expression, memo: Mapping[Expression, Quotient], ring: Ring) -> Quotient:
-    if isinstance(node, Number):
-        return Quotient(ring, ring.constant(node.value), ring.constant(Fraction(1)))
-    if isinstance(node, Power):
-        return ring.power(memo[node.base], node.exponent.numerator)
-    assert isinstance(node, Call)
-    combine = {"add": ring.add, "multiply": ring.multiply, "divide": ring.divide}[node.function]
-    return combine(*(memo[child] for child in node.children))
+    return [expression.read(leaf, ring.power, arithmetic, memo) for expression in prepared]
 
 
 def _prepared(expressions: Sequence[Expression]) -> list[Expression]:
@@ -293,20 +261,14 @@ def _prepared(expressions: Sequence[Expression]) -> list[Expression]:
     for expression in expressions:
         for node in expression.walk(memo):
             spend(3)
-            if isinstance(node, Variable | Constant):
-                memo[node] = node
-            elif isinstance(node, Power):
+            if isinstance(node, Power):
                 memo[node] = _prepared_power(memo[node.base], node.exponent)
-            elif isinstance(node, Call):
-                children = tuple(memo[child] for child in node.children)
-                if node.function in ("add", "multiply", "divide"):
-                    memo[node] = call(node.function, *children)
-                elif node.function == "sqrt":
-                    memo[node] = Power(simplify(children[0]), Fraction(1, 2))
-                else:
-                    memo[node] = _undone(call(node.function, *(simplify(child) for child in children)))
+            elif isinstance(node, Call) and node.function == "sqrt":
+                memo[node] = Power(simplify(memo[node.children[0]]), Fraction(1, 2))
+            elif isinstance(node, Call) and node.function not in _ARITHMETIC:
+                memo[node] = _undone(call(node.function, *(simplify(memo[child]) for child in node.children)))
             else:
-                memo[node] = node
+                memo[node] = node.over(memo)
     return [memo[expression] for expression in expressions]
 
 
@@ -333,7 +295,7 @@ def _is_generator(node: Expression) -> bool:
     """Whatever is not built by + * / and integer powers."""
     if isinstance(node, Power):
         return node.exponent.denominator > 1
-    return not isinstance(node, Number) and not (isinstance(node, Call) and node.function in ("add", "multiply", "divide"))
+    return not isinstance(node, Number) and not (isinstance(node, Call) and node.function in _ARITHMETIC)
 
 
 def _generators(expressions: Sequence[Expression]) -> dict[Expression, int]:
@@ -370,7 +332,7 @@ def simplify(expression: Expression) -> Expression:
         return expression
     try:
         return quotients([expression])[0].expression()
-    except (TooLargeError, ZeroDivisionError, ExpressionError, OverflowError, RecursionError):
+    except _NO_FORM:
         return expression
 
 
@@ -381,5 +343,5 @@ def is_zero(expression: Expression) -> bool:
     """Whether the canonical form is 0: an identity in the generators (sufficient, not necessary)."""
     try:
         return bool(quotients([expression])[0].numerator.is_zero())
-    except (TooLargeError, ZeroDivisionError, ExpressionError, OverflowError, RecursionError):
+    except _NO_FORM:
         return False

@@ -10,11 +10,13 @@ from cdobs_cli.exact.language import LANGUAGE
 from cdobs_cli.exact.parser import MAX_EXPONENT
 from cdobs_cli.exact.rational import TooLargeError, quotients, simplify
 
+Trees = Sequence[Expression]
+Names = Sequence[str]
 # f(x) = v gives x = g(v), where g undoes f.
 _INVERSES = {function.undoes: name for name, function in LANGUAGE.items() if function.undoes}
 
 
-def solve(equations: Sequence[Expression], unknowns: Sequence[str], nonnegative: Collection[str] = ()) -> dict[str, Expression] | None:
+def solve(equations: Trees, unknowns: Names, nonnegative: Collection[str] = ()) -> dict[str, Expression] | None:
     """x from `equation = 0` for each equation; None where elimination does not find it.
 
     Args:
@@ -38,17 +40,13 @@ def solve(equations: Sequence[Expression], unknowns: Sequence[str], nonnegative:
     return solution
 
 
-def _easiest(equations: Sequence[Expression], unknowns: Sequence[str], nonnegative: Collection[str]) -> tuple[int, str, Expression] | None:
+def _easiest(equations: Trees, unknowns: Names, nonnegative: Collection[str]) -> tuple[int, str, Expression] | None:
     """An equation with as few unknowns as possible, and one of them solved for."""
     wanted = set(unknowns)
     order = sorted(range(len(equations)), key=lambda k: (len(equations[k].variables & wanted), equations[k].size))
-    for k in order:
-        for name in unknowns:
-            if name in equations[k].variables:
-                value = _isolated(equations[k], name, nonnegative)
-                if value is not None:
-                    return k, name, value
-    return None
+    pairs = ((k, name) for k in order for name in unknowns if name in equations[k].variables)
+    found = ((k, name, _isolated(equations[k], name, nonnegative)) for k, name in pairs)
+    return next(((k, name, value) for k, name, value in found if value is not None), None)
 
 
 def _isolated(equation: Expression, name: str, nonnegative: Collection[str]) -> Expression | None:
@@ -70,7 +68,8 @@ def _isolated(equation: Expression, name: str, nonnegative: Collection[str]) -> 
         return None
     value = simplify(-parts.get(0, ZERO) / parts[degrees[0]])
     if degrees[0] > 1:
-        if degrees[0] % 2 == 0 and not (generator == Variable(name) and name in nonnegative) and not isinstance(generator, Power):
+        is_positive = generator == Variable(name) and name in nonnegative
+        if degrees[0] % 2 == 0 and not is_positive and not isinstance(generator, Power):
             return None
         if isinstance(generator, Power):
             # The generator is a root of the variable: (v^(1/q))^k = v^(k/q).
@@ -108,9 +107,6 @@ def determinant(rows: Sequence[Sequence[Expression]]) -> Expression:
     """The determinant by expansion along the first row, zeros skipped."""
     if len(rows) == 1:
         return rows[0][0]
-    total: Expression = Number(0)
-    for j, entry in enumerate(rows[0]):
-        if entry != ZERO:
-            minor = determinant([[*row[:j], *row[j + 1 :]] for row in rows[1:]])
-            total = total + Number((-1) ** j) * entry * minor
-    return total
+    held = [(j, entry) for j, entry in enumerate(rows[0]) if entry != ZERO]
+    minors = (determinant([[*row[:j], *row[j + 1 :]] for row in rows[1:]]) for j, _ in held)
+    return sum((Number((-1) ** j) * entry * minor for (j, entry), minor in zip(held, minors, strict=True)), ZERO)

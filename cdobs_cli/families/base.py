@@ -83,7 +83,8 @@ class Family(BaseModel, ABC):
         """The observer's equations, with the printed gain."""
 
     def inclusion(self, plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
-        """The error system under the plant's sampling law. Raises NotImplementedError where the gain is not constant."""
+        """The error system under the plant's sampling law. Raises NotImplementedError where the gain is not
+        constant."""
         raise NotImplementedError(f"{type(self).__name__} has no constant gain")
 
     def transients(self, plant: Plant, design: Design) -> Sequence[Transient]:

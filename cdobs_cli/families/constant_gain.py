@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from cdobs_cli.certify.methods.rung import Rung
     from cdobs_cli.design import Design
     from cdobs_cli.exact.numbers import ExactMatrix
+    from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, PlantView
     from cdobs_cli.plant import Plant
 
 
@@ -27,7 +28,7 @@ _PERIODS = 50
 
 
 class ConstantGain(Family):
-    """Subclasses give the error system (`inclusion`, which reads the gain by its `letter`), the observer's equations,
+    """Subclasses give the error system (`error_maps`, over the gain by its `letter`), the observer's equations,
     the methods, and the ways of finding a gain; `certify.design` and `certify.judge` do the rest.
 
     letter: the gain's, shape (n, p). error_source: where the error system stands. rate_share: under max_period the
@@ -40,6 +41,10 @@ class ConstantGain(Family):
     error_source: ClassVar[str]
     rate_share: ClassVar[float] = 0.0
     with_rates: ClassVar[bool] = False
+
+    @abstractmethod
+    def error_maps(self, view: PlantView[Any]) -> ErrorMaps[Any]:
+        """The error system, which reads the gain by its letter."""
 
     @abstractmethod
     def methods(self) -> tuple[type[Method], ...]:
@@ -77,7 +82,10 @@ class ConstantGain(Family):
 
     def why_nothing(self, question: Question) -> str:
         """Why a search found no gain."""
-        return f"no gain with a proof was found at T = {question.law.T_max}; more effort, a shorter period or smaller slopes may help"
+        return (
+            f"no gain with a proof was found at T = {question.law.T_max}; more effort, a shorter period or "
+            f"smaller slopes may help"
+        )
 
     def beyond(self, question: Question, own: Sequence[Method]) -> tuple[list[Certificate], dict[str, Any]]:
         """What else a design keeps: certificates of other gains, laws that no gain survives; the report's details."""
@@ -91,13 +99,15 @@ class ConstantGain(Family):
         """The error system of a gain under the plant's law; of a zero gain where none is given."""
         from cdobs_cli.certify.methods.base import Question
 
-        return Question(self.inclusion(plant, gain or self._nothing(plant)), effort=effort, card=self)
+        return Question(self.inclusion(plant, gain), effort=effort, card=self)
 
-    def _nothing(self, plant: Plant) -> dict[str, ExactMatrix]:
-        """A zero gain: what no gain helps against is seen without one."""
+    def inclusion(self, plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
         from cdobs_cli.exact.numbers import ExactMatrix
+        from cdobs_cli.hybrid import HybridInclusion
 
-        return {self.letter: ExactMatrix([[0] * plant.p for _ in range(plant.n)])}
+        # Without a design: what no gain helps against is seen without one.
+        held = gain or {self.letter: ExactMatrix([[0] * plant.p for _ in range(plant.n)])}
+        return HybridInclusion(self.error_maps, plant, held, plant.sampling, plant.slopes.quantities)
 
     def given(self) -> Mapping[str, ExactMatrix | None]:
         gain = getattr(self, "gain", None)

@@ -20,8 +20,7 @@ def document(command: str, results: list[Result], code: ExitCode) -> str:
 def _line(message: Message) -> str:
     places = {"file": message.file, "line": message.line, "col": message.column, "title": f"cdobs {message.rule}"}
     properties = ",".join(f"{name}={_property(str(value))}" for name, value in places.items() if value is not None)
-    told = ": ".join(part for part in (message.field, message.text) if part)
-    return f"::{_LEVELS[message.severity]} {properties}::{_data(told)}"
+    return f"::{_LEVELS[message.severity]} {properties}::{_data(message.told)}"
 
 
 def _data(text: str) -> str:

@@ -23,6 +23,6 @@ def json_text(content: Any) -> str:
     return re.sub("[^\n -~]|#(?=#)", _escape, text)
 
 
-def _escape(found: re.Match[str]) -> str:
-    character = found.group()
+def _escape(match: re.Match[str]) -> str:
+    character = match.group()
     return f"\\u{ord(character):04x}" if ord(character) < 0x10000 else json.dumps(character)[1:-1]

@@ -32,17 +32,10 @@ def _suite(command: str, number: int, result: Result, now: str) -> ET.Element:
     kind = "failure" if result.status == "finding" else "error"
     broken = sum(bool(messages) for messages in cases.values())
     suite = ET.Element(
-        "testsuite",
-        package=f"cdobs.{command}",
-        id=str(number),
-        name=_clean(result.spec),
-        timestamp=now,
-        hostname="localhost",
-        tests=str(len(cases)),
-        failures=str(broken if kind == "failure" else 0),
-        errors=str(broken if kind == "error" else 0),
-        time=f"{result.seconds:.3f}",
-    )
+        "testsuite", package=f"cdobs.{command}", id=str(number), name=_clean(result.spec), timestamp=now,
+        hostname="localhost", tests=str(len(cases)), failures=str(broken if kind == "failure" else 0),
+        errors=str(broken if kind == "error" else 0), time=f"{result.seconds:.3f}",
+    )  # fmt: skip
     ET.SubElement(suite, "properties")
     for name, messages in cases.items():
         case = ET.SubElement(suite, "testcase", name=_clean(name), classname=_clean(result.spec), time="0")

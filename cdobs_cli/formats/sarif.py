@@ -18,38 +18,28 @@ _SCHEMA = "https://json.schemastore.org/sarif-2.1.0.json"
 def document(command: str, results: list[Result], code: ExitCode) -> str:
     """One run with one invocation."""
     failed = [message for result in results if result.status == "failed" for message in result.messages]
-    found = [message for result in results if result.status != "failed" for message in result.messages]
-    rules = sorted({message.rule for message in found})
+    messages = [message for result in results if result.status != "failed" for message in result.messages]
+    rules = sorted({message.rule for message in messages})
+    driver = {"name": "cdobs", "version": __version__, "rules": [{"id": rule, "name": _pascal(rule)} for rule in rules]}
+    invocation = {
+        "executionSuccessful": code != ExitCode.FAILED, "exitCode": int(code), "commandLine": f"cdobs {command}",
+        "toolExecutionNotifications": [
+            {"level": "error", "message": {"text": message.text}, "locations": _locations(message)}
+            for message in failed
+        ],
+    }  # fmt: skip
+    findings = [
+        {
+            "ruleId": message.rule, "ruleIndex": rules.index(message.rule), "level": message.severity,
+            "message": {"text": message.told}, "locations": _locations(message),
+        }
+        for message in messages
+    ]  # fmt: skip
     run = {
-        "tool": {
-            "driver": {
-                "name": "cdobs",
-                "version": __version__,
-                "rules": [{"id": rule, "name": _pascal(rule)} for rule in rules],
-            }
-        },
-        "invocations": [
-            {
-                "executionSuccessful": code != ExitCode.FAILED,
-                "exitCode": int(code),
-                "commandLine": f"cdobs {command}",
-                "toolExecutionNotifications": [
-                    {"level": "error", "message": {"text": message.text}, "locations": _locations(message)}
-                    for message in failed
-                ],
-            }
-        ],
+        "tool": {"driver": driver},
+        "invocations": [invocation],
         "columnKind": "unicodeCodePoints",
-        "results": [
-            {
-                "ruleId": message.rule,
-                "ruleIndex": rules.index(message.rule),
-                "level": message.severity,
-                "message": {"text": ": ".join(part for part in (message.field, message.text) if part)},
-                "locations": _locations(message),
-            }
-            for message in found
-        ],
+        "results": findings,
     }
     return json_text({"$schema": _SCHEMA, "version": "2.1.0", "runs": [run]})
 

@@ -36,35 +36,30 @@ class Formula:
 
 
 @dataclass(frozen=True)
-class Symbol(Formula):
+class Token(Formula):
+    """A piece of text."""
+
+    text: str
+
+
+class Symbol(Token):
     """A letter, a Greek letter by name, or an upright word."""
 
-    name: str
 
-
-@dataclass(frozen=True)
-class Digits(Formula):
+class Digits(Token):
     """A number as text."""
 
-    text: str
 
-
-@dataclass(frozen=True)
-class Operator(Formula):
+class Operator(Token):
     """+, −, =, brackets, commas."""
 
-    text: str
+
+class Words(Token):
+    """Plain words inside a formula."""
 
 
 # The invisible sign between a function and its argument: no space where factors have one.
 APPLIED = Operator("\u2061")
-
-
-@dataclass(frozen=True)
-class Words(Formula):
-    """Plain words inside a formula."""
-
-    text: str
 
 
 @dataclass(frozen=True)
@@ -217,6 +212,10 @@ def _sum(node: Expression) -> Formula:
             parts.append(Operator("+"))
         # a - (b + c): a sum behind a minus keeps its brackets.
         parts.append(_fence(_sum(term)) if negative and _is_sum(term) else _product(term))
+    return _row(parts)
+
+
+def _row(parts: list[Formula]) -> Formula:
     return parts[0] if len(parts) == 1 else Row(tuple(parts))
 
 
@@ -244,12 +243,10 @@ def _product(node: Expression) -> Formula:
     if len(factors) == 1:
         return _atom(node)
     parts: list[Formula] = []
-    previous: Expression | None = None
     for factor in factors:
-        if previous is not None and isinstance(factor, Number):
+        if parts and isinstance(factor, Number):
             parts.append(Operator("·"))
         parts.append(_fence(_sum(factor)) if _is_sum(factor) else _atom(factor))
-        previous = factor
     return Row(tuple(parts))
 
 
@@ -258,9 +255,8 @@ def _atom(node: Expression) -> Formula:
         text = fraction_text(node.value)
         if len(text) > LONGEST_NUMBER:
             context = Context(prec=SHOWN_DIGITS, rounding=ROUND_DOWN)
-            return Digits(
-                f"{plain_decimal(context.divide(Decimal(node.value.numerator), Decimal(node.value.denominator)))}…"
-            )
+            value = context.divide(Decimal(node.value.numerator), Decimal(node.value.denominator))
+            return Digits(f"{plain_decimal(value)}…")
         if "/" in text:
             return Ratio(Digits(str(node.value.numerator)), Digits(str(node.value.denominator)))
         return Digits(text)
@@ -283,9 +279,8 @@ def _power(base: Expression, exponent: Fraction) -> Formula:
     named = isinstance(base, Call) and LANGUAGE[base.function].typeset.startswith("\\")
     if isinstance(base, Call) and named and exponent.denominator == 1 and exponent > 1:
         return applied(_raised(_name(base), above), _list(base.children))
-    if isinstance(base, Variable | Constant) or (
-        isinstance(base, Number) and base.value >= 0 and base.value.denominator == 1
-    ):
+    whole = isinstance(base, Number) and base.value >= 0 and base.value.denominator == 1
+    if whole or isinstance(base, Variable | Constant):
         return _raised(_atom(base), above)
     return Script(_fence(_sum(base)), None, above)
 
@@ -298,12 +293,7 @@ def _raised(base: Formula, above: Formula) -> Formula:
 
 
 def _list(arguments: Sequence[Expression]) -> Formula:
-    parts: list[Formula] = []
-    for argument in arguments:
-        if parts:
-            parts.append(Operator(","))
-        parts.append(_sum(argument))
-    return parts[0] if len(parts) == 1 else Row(tuple(parts))
+    return _row([part for argument in arguments for part in (Operator(","), _sum(argument))][1:])
 
 
 def _function(node: Call) -> Formula:

@@ -3,21 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 from cdobs_cli.chart import Chart
-from cdobs_cli.plant import Plant
 from cdobs_cli.report.html import html_page
 from cdobs_cli.report.ladder import Ladder
-from cdobs_cli.report.model import Report, proved_envelope
+from cdobs_cli.report.model import Report
 from cdobs_cli.report.text import markdown
-from cdobs_cli.report.trajectories import WayBack, run_charts
-
-if TYPE_CHECKING:
-    from cdobs_cli.certificate import Check
-    from cdobs_cli.design import Design
-    from cdobs_cli.families.base import Family
-    from cdobs_cli.run import Run
 
 
 def render(report: Report) -> dict[str, bytes]:
@@ -27,12 +18,9 @@ def render(report: Report) -> dict[str, bytes]:
     return {"report.md": markdown(report).encode(), "report.html": html_page(report, pictures).encode(), **drawn}
 
 
-def figures_of_run(
-    plant: Plant, family: Family, design: Design, check: Check | None, run: Run, coordinates: WayBack | None = None
-) -> dict[str, bytes]:
+def figures_of_run(report: Report) -> dict[str, bytes]:
     """The common figures of a simulation alone, by relative name."""
-    envelope = proved_envelope(family, plant, design, check)
-    return figures(run_charts(plant, run, envelope, coordinates))
+    return figures(report.run_charts)
 
 
 def figures(charts: Iterable[Chart | Ladder]) -> dict[str, bytes]:

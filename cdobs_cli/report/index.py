@@ -13,7 +13,7 @@ from urllib.parse import quote
 
 from cdobs_cli.certificate import Bound
 from cdobs_cli.report.model import Report, bound_title
-from cdobs_cli.report.numbers import bracket_text, float_or_none, number_text
+from cdobs_cli.report.numbers import bracket_text, float_or_none
 from cdobs_cli.report.status import status_badge
 from cdobs_cli.report.style import page
 
@@ -41,24 +41,23 @@ class IndexEntry:
     figure: str | None = None
     holds: bool | None = None
     message: str = ""
-    seconds: float | None = None
 
     @staticmethod
-    def of(report: Report, folder: str, pictures: Sequence[str], *, seconds: float | None = None) -> IndexEntry:
+    def of(report: Report, folder: str, pictures: Sequence[str]) -> IndexEntry:
         """The entry of a report whose files stand in `folder`, relative to the page; `pictures` are the names
         of the figures that are there."""
         name, bound = report.headline_bound or (None, None)
         figure = next((name for name in ("error", "states", *pictures) if name in pictures), None)
-        failed = [f"expected {what}; found {found}" for what, holds, found in report.expectations if not holds]
+        failed = [f"expected {what}; found {value}" for what, holds, value in report.expectations if not holds]
         return IndexEntry(
             report.name, report.title, report.verdict, report.design.family, name, bound,
             f"{folder}/report.html", f"{folder}/figures/{figure}.svg" if figure else None,
             not failed if report.expectations else report.status == "proved",
-            "; ".join(failed) or (report.sentence if report.design.outcome == "none" else ""), seconds,
+            "; ".join(failed) or (report.sentence if report.design.outcome == "none" else ""),
         )  # fmt: skip
 
 
-def index_page(entries: Sequence[IndexEntry], title: str = "Observers") -> bytes:
+def index_page(entries: Sequence[IndexEntry]) -> bytes:
     """The page; entries keep their order until a heading is clicked."""
     counts = Counter(entry.verdict for entry in entries)
     order = sorted(counts, key=lambda verdict: (-_RANK.get(verdict, 9), verdict))
@@ -70,26 +69,25 @@ def index_page(entries: Sequence[IndexEntry], title: str = "Observers") -> bytes
     largest = max((end for entry in entries for end in _finite_ends(entry.bound)), default=1.0)
     rows = "\n".join(_row(entry, largest) for entry in entries)
     body = (
-        f"<h1>{escape(title)}</h1>\n<p>{count}: {escape(summary) or 'none'}.</p>\n"
+        f"<h1>Observers</h1>\n<p>{count}: {escape(summary) or 'none'}.</p>\n"
         f'<table class="index"><thead><tr>{head}</tr></thead><tbody>\n{rows}\n</tbody></table>\n'
         '<p class="caption">Bracket: what is proved (solid) and what is refuted (hatched); '
         "all bars share one scale.</p>"
     )
     # The small pictures are files beside the page, on a server or on a disk.
-    return page(escape(title), body, wide=True, script=_SORT, images="'self' file: data:").encode()
+    return page("Observers", body, wide=True, script=_SORT, images="'self' file: data:").encode()
 
 
 def _row(entry: IndexEntry, largest: float) -> str:
     name = escape(entry.title or entry.name)
     link = f'<a href="{_address(entry.link)}">{name}</a>' if entry.link else name
     message = f'<br><span class="soft">{escape(entry.message)}</span>' if entry.message else ""
-    seconds = f" · {number_text(entry.seconds, 3)} s" if entry.seconds is not None else ""
     expected = "" if entry.holds is None else status_badge("holds" if entry.holds else "fails")
     image = f'<img src="{_address(entry.figure)}" alt="{name}">'
     picture = f'<a href="{_address(entry.link or entry.figure)}">{image}</a>' if entry.figure else ""
     proved = float_or_none(entry.bound.proved) if entry.bound else None
     cells = (
-        (entry.name, f'{link}<br><span class="soft">{escape(entry.name)}{seconds}</span>{message}'),
+        (entry.name, f'{link}<br><span class="soft">{escape(entry.name)}</span>{message}'),
         (None, escape(entry.family.replace("_", " "))),
         (_RANK.get(entry.verdict, 9), status_badge(entry.verdict)),
         ("" if entry.holds is None else int(entry.holds), expected),

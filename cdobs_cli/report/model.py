@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cdobs_cli.certificate import Bound, Check, Claim, Status
 from cdobs_cli.chart import Chart, Exhibits
@@ -14,10 +14,10 @@ from cdobs_cli.design import Design
 from cdobs_cli.plant import Domain, Plant, TypedDynamics
 
 if TYPE_CHECKING:
+    from cdobs_cli.coordinates import Coordinates
     from cdobs_cli.families.base import Family
     from cdobs_cli.hybrid import Observer
     from cdobs_cli.report.ladder import Ladder
-    from cdobs_cli.report.trajectories import WayBack
     from cdobs_cli.run import Run
 
 BOUND_TITLES = {
@@ -65,7 +65,7 @@ class Report:
     check: Check | None
     run: Run | None = None
     typed: TypedDynamics | None = None
-    coordinates: WayBack | None = None
+    coordinates: Coordinates | None = None
     expectations: tuple[tuple[str, bool, str], ...] = ()
     digests: Mapping[str, str] = field(default_factory=dict)
 
@@ -85,18 +85,26 @@ class Report:
     def charts(self) -> tuple[Chart | Ladder, ...]:
         """Bracket, counterexamples, simulation, family; a family's chart takes the place of another of its name."""
         from cdobs_cli.report.ladder import period_ladder
-        from cdobs_cli.report.trajectories import run_charts
         from cdobs_cli.report.witnesses import witness_charts
 
         ladder = period_ladder(self.check.bounds) if self.check else None
         common: list[Chart | Ladder] = [ladder] if ladder else []
         if self.check is not None:
             common += witness_charts(self.check)
-        if self.run is not None:
-            envelope = proved_envelope(self.family, self.plant, self.design, self.check)
-            common += run_charts(self.plant, self.run, envelope, self.coordinates)
+        common += self.run_charts
         own = {chart.name for chart in self.exhibits.charts}
         return (*(chart for chart in common if chart.name not in own), *self.exhibits.charts)
+
+    @cached_property
+    def run_charts(self) -> tuple[Chart, ...]:
+        """The common charts of the simulation, that of the error with its proved envelope."""
+        from cdobs_cli.report.trajectories import run_charts
+
+        if self.run is None:
+            return ()
+        checked = self.check if self.design.outcome != "none" else None
+        envelope = None if checked is None else self.family.envelope(self.plant, self.design, checked)
+        return run_charts(self.plant, self.run, envelope, self.coordinates)
 
     @cached_property
     def versions(self) -> dict[str, str]:
@@ -199,8 +207,3 @@ def domain_text(domain: Domain) -> str:
         high = f" ≤ {interval.upper}" if interval.upper is not None else ""
         parts.append(f"{low}{name}{high}")
     return ", ".join((*parts, *(f"{expression} ≥ 0" for expression in domain.where)))
-
-
-def proved_envelope(family: Family, plant: Plant, design: Design, check: Check | None) -> Mapping[str, Any] | None:
-    """The family's proved bound on the error over time, where there is one."""
-    return None if check is None or design.outcome == "none" else family.envelope(plant, design, check)

@@ -82,8 +82,8 @@ def _slopes(report: Report) -> tuple[Block, ...]:
         low, up = str(plant.slopes.lower[i, j]), str(plant.slopes.upper[i, j])
         declared = f"[{low}, {up}]"
         if (i, j) in plant.slopes.auto:
-            found = report.design.slopes.get(key)
-            low, up = (end_text(found[0], 8, up=False), end_text(found[1], 8, up=True)) if found else (NOTHING, NOTHING)
+            ends = report.design.slopes.get(key)
+            low, up = (end_text(ends[0], 8, up=False), end_text(ends[1], 8, up=True)) if ends else (NOTHING, NOTHING)
             declared = f"auto: [{low}, {up}]"
         status: Cell = Mark(claim.status) if claim else "not checked"
         margin = margin_text(claim.margin) if claim else NOTHING
@@ -276,14 +276,8 @@ def _run_row(name: str, summary: RunSummary) -> tuple[Cell, ...]:
     ended = "diverged" if summary.diverged else "left the domain" if summary.left_domain else "completed"
     numbers = (summary.period_min, summary.period_max, summary.error_final)
     margin = number_text(summary.inclusion_margin, 4)
-    return (
-        name,
-        str(summary.measurements),
-        *(number_text(value) for value in numbers),
-        rmse,
-        margin,
-        summary.stopped or ended,
-    )
+    told = tuple(number_text(value) for value in numbers)
+    return (name, str(summary.measurements), *told, rmse, margin, summary.stopped or ended)
 
 
 def _exhibits(report: Report) -> Section:
@@ -306,7 +300,7 @@ def _cell_texts(cell: str | float | int | Bound | None) -> tuple[str, ...]:
 
 
 def _expectations(report: Report) -> Section:
-    marked = ((what, Mark("holds" if holds else "fails"), found) for what, holds, found in report.expectations)
+    marked = ((what, Mark("holds" if holds else "fails"), value) for what, holds, value in report.expectations)
     rows: tuple[tuple[Cell, ...], ...] = tuple(marked)
     return Section("Expectations", (Grid(("expected", "outcome", "found"), rows),) if rows else ())
 

@@ -34,8 +34,8 @@ def summary_lines(report: Report) -> list[str]:
     lines += [f"  condition: {condition}" for condition in report.conditions]
     lines += _claim_lines(report)
     lines += [
-        f"  {'holds' if holds else 'fails'} expect {what}: {found}"
-        for what, holds, found in report.expectations
+        f"  {'holds' if holds else 'fails'} expect {what}: {value}"
+        for what, holds, value in report.expectations
         if not holds
     ]
     return lines

@@ -18,7 +18,7 @@ MAX_EQUATIONS = 24
 def dotted(piece: Formula) -> Formula:
     """The time derivative of a symbol: a dot, d/dt before a word."""
     symbol = piece.base if isinstance(piece, Script) else piece
-    if isinstance(symbol, Symbol) and len(symbol.name) > 1 and symbol.name not in typeset.GREEK:
+    if isinstance(symbol, Symbol) and len(symbol.text) > 1 and symbol.text not in typeset.GREEK:
         return typeset.Row(
             (typeset.Ratio(Symbol("d"), typeset.Row((Symbol("d"), typeset.APPLIED, Symbol("t")))), piece)
         )

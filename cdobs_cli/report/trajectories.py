@@ -4,17 +4,16 @@ with its proved envelope."""
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cdobs_cli.arrays import Array
 from cdobs_cli.chart import Chart, Panel, Series, SeriesKind
 from cdobs_cli.plant import Plant
 from cdobs_cli.report.equations import GREEK, latex, name_formula
 
 if TYPE_CHECKING:
-    from cdobs_cli.exact.expression import Expression
+    from cdobs_cli.coordinates import Coordinates
     from cdobs_cli.run import Run, Trajectory
 
 MAX_PANELS = 8
@@ -30,20 +29,8 @@ def axis_name(name: str) -> str:
     return name
 
 
-class WayBack(Protocol):
-    """A change of coordinates z = map(x), and values of x along z, shape (.., n)."""
-
-    @property
-    def states(self) -> tuple[str, ...]: ...
-    @property
-    def names(self) -> tuple[str, ...]: ...
-    @property
-    def map(self) -> tuple[Expression, ...]: ...
-    def original_values(self, z: Array) -> Array: ...
-
-
 def run_charts(
-    plant: Plant, run: Run, envelope: Mapping[str, Any] | None = None, coordinates: WayBack | None = None
+    plant: Plant, run: Run, envelope: Mapping[str, Any] | None = None, coordinates: Coordinates | None = None
 ) -> tuple[Chart, ...]:
     """The common charts of a run; the first trajectory stands for the states, all of them for the error."""
     if not run.trajectories or len(run.trajectories[0].t) < 2:
@@ -78,7 +65,7 @@ def states_chart(plant: Plant, trajectory: Trajectory, runs: int = 1) -> Chart:
     return Chart("states", "States and estimates", caption, tuple(panels))
 
 
-def typed_states_chart(coordinates: WayBack, trajectory: Trajectory) -> Chart:
+def typed_states_chart(coordinates: Coordinates, trajectory: Trajectory) -> Chart:
     """States and estimates in the coordinates that the user typed."""
     x = coordinates.original_values(trajectory.x)
     x_hat = coordinates.original_values(trajectory.estimates["x_hat"])

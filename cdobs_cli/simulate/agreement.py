@@ -28,14 +28,9 @@ def agrees(run: Run, system: HybridSystem) -> bool:
 
 def _is_of(one: Trajectory, system: HybridSystem) -> bool:
     plant, observer = system.plant, system.observer
-    inputs = {source.name for source in plant.inputs}
-    return (
-        one.x.shape[1] == plant.n
-        and one.y_k.shape[1] == plant.p
-        and one.estimates.keys() == observer.estimates.keys()
-        and one.internals.keys() == observer.internals.keys()
-        and inputs <= one.inputs.keys()
-    )
+    shown = one.x.shape[1], one.y_k.shape[1], one.estimates.keys(), one.internals.keys()
+    known = shown == (plant.n, plant.p, observer.estimates.keys(), observer.internals.keys())
+    return known and {source.name for source in plant.inputs} <= one.inputs.keys()
 
 
 def _agrees(one: Trajectory, system: HybridSystem, told: RunSummary) -> bool:

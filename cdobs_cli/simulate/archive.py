@@ -63,23 +63,21 @@ def from_bytes(content: bytes, document: Mapping[str, Any]) -> Run:
     try:
         return _run(_unpacked(content), document)
     except Exception as error:  # damaged archives raise whatever zipfile, zlib, numpy and tokenize have
-        raise ArtefactError(
-            f"simulation.npz and simulation.json are not of one run: {error}; simulate again"
-        ) from error
+        text = f"simulation.npz and simulation.json are not of one run: {error}; simulate again"
+        raise ArtefactError(text) from error
 
 
 def _unpacked(content: bytes) -> dict[str, NDArray[Any]]:
     """Every array of an archive; nothing is set aside for what its headers only promise."""
-    found: dict[str, NDArray[Any]] = {}
+    stored: dict[str, NDArray[Any]] = {}
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         members = archive.infolist()
-        if sum(member.file_size for member in members) > MAX_BYTES or len(
-            {member.filename for member in members}
-        ) < len(members):
+        twice = len({member.filename for member in members}) < len(members)
+        if twice or sum(member.file_size for member in members) > MAX_BYTES:
             raise ValueError("arrays that are too large or come twice")
         for member in members:
-            found[member.filename.removesuffix(".npy")] = _array(archive.read(member))
-    return found
+            stored[member.filename.removesuffix(".npy")] = _array(archive.read(member))
+    return stored
 
 
 def _array(content: bytes) -> NDArray[Any]:

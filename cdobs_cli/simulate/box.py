@@ -66,13 +66,10 @@ def _plan(system: HybridSystem, law: SamplingLaw, witness: Witness) -> Simulatio
     periods = [Exact(text) for text in witness.times]
     after = Exact(data["after"])
     signals: dict[str, Expression] = {}
-    for letter, rows, box in (
-        ("d", data["disturbance"], system.plant.disturbance),
-        ("v", data["noise"], system.plant.noise),
-    ):
-        if box is not None:
-            for i in range(len(box.lower)):
-                signals[f"{letter}.{i}"] = _steps([Exact(row[i]) for row in rows], periods, early=letter == "v")
+    for letter, name in (("d", "disturbance"), ("v", "noise")):
+        box = getattr(system.plant, name)
+        for i in range(0 if box is None else len(box.lower)):
+            signals[f"{letter}.{i}"] = _steps([Exact(row[i]) for row in data[name]], periods, early=letter == "v")
     horizon = after
     for T in periods:
         horizon = horizon + T

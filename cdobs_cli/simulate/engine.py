@@ -54,6 +54,8 @@ class _Simulation:
     def __init__(self, system: HybridSystem, plan: SimulationPlan, law: SamplingLaw) -> None:
         self.plan, self.runs, self.horizon = plan, plan.runs, float(plan.horizon)
         _refuse_impossible(system, plan)
+        box = plan.initial_box
+        self.box = None if box is None else (_columns(box.lower, self.runs), _columns(box.upper, self.runs))
         signals = Signals.of(system.plant, plan.signals, system.observer.control)
         self.loop = ClosedLoop(system, signals)
         self.draws = Draws(plan.seed, self.runs)
@@ -82,16 +84,13 @@ class _Simulation:
             elif due.size:
                 self._sample(due, index)
             going = going[~watch.halted[going] & (progress.t[going] < self.horizon)]
-        self._look_at_the_end()
+        # A jump at the horizon is followed by no flow that would look at it.
+        left = np.flatnonzero(~watch.halted)
+        watch(left, *progress.at(left))
         final_t = np.where(watch.halted, watch.stop_t, progress.t)
         final_y = np.where(watch.halted, watch.stop_y, progress.y)
         final_held = np.where(watch.halted, watch.stop_held, progress.held)
         return summarise(self.loop, watch, self.record, final_t, final_y, final_held)
-
-    def _look_at_the_end(self) -> None:
-        """A jump at the horizon is followed by no flow that would look at it."""
-        runs = np.flatnonzero(~self.watch.halted)
-        self.watch(runs, self.progress.t[runs], self.progress.y[:, runs], self.progress.held[:, runs])
 
     def begin(self) -> None:
         """Place all runs at t_0, measure there, and jump where the observer does."""
@@ -100,9 +99,7 @@ class _Simulation:
         no_observer = np.zeros((self.loop.size - len(x), self.runs))
         held = np.zeros((len(self.loop.held), self.runs))
         measured = self.loop.measure(zeros, np.concatenate([x, no_observer]), held, self.noise.at(runs, 0, zeros))
-        box = self.plan.initial_box
-        lower, upper = (_columns(box.lower, self.runs), _columns(box.upper, self.runs)) if box else (None, None)
-        y = self.loop.start(measured, lower, upper, self._initial_estimate(), x)
+        y = self.loop.start(measured, self.box, self._initial_estimate(), x)
         self.progress = Progress.start(zeros.copy(), y, self.loop.hold(zeros, y, held))
         self.watch.begin(zeros, y, self.progress.held)
         self._halt(runs[~np.isfinite(y).all(axis=0)], "the observer's start is undefined")
@@ -110,21 +107,19 @@ class _Simulation:
 
     def _sample(self, runs: Integers, index: int) -> None:
         """Measure sample number `index` of the given runs, and jump."""
-        progress = self.progress
-        t, y, held = progress.t[runs], progress.y[:, runs], progress.held[:, runs]
+        t, y, held = self.progress.at(runs)
         measured = self.loop.measure(t, y, held, self.noise.at(runs, index, t))
         self._jump(runs, index, measured, jumps=True)
 
     def _jump(self, runs: Integers, index: int, measured: Array, *, jumps: bool) -> None:
         """x+ = g(x-, y_k), then what is held, then the next sampling instant."""
-        progress = self.progress
-        t, y, held = progress.t[runs], progress.y[:, runs], progress.held[:, runs]
+        t, y, held = self.progress.at(runs)
         elapsed = t - held[-1]
         after = self.loop.jump(t, y, held, measured) if jumps else y
         held_after = self.loop.hold(t, after, held)
         self.record.measured.append((runs, t, measured))
         self.record.sides.add(index, runs, t, np.concatenate([y, held]), np.concatenate([after, held_after]))
-        progress.y[:, runs], progress.held[:, runs] = after, held_after
+        self.progress.y[:, runs], self.progress.held[:, runs] = after, held_after
         if self.timetable is not None:
             self.next[runs] = self.timetable.after(runs, index, t)
             return
@@ -160,10 +155,8 @@ class _Simulation:
         """x(0), shape (n, R): typed, or drawn uniformly from the box."""
         if self.plan.initial_state is not None:
             return _columns(self.plan.initial_state, self.runs)
-        assert self.plan.initial_box is not None
-        box = self.plan.initial_box
-        lower, upper = _columns(box.lower, self.runs), _columns(box.upper, self.runs)
-        runs = np.arange(self.runs)
+        assert self.box is not None
+        (lower, upper), runs = self.box, np.arange(self.runs)
         shares = np.array([self.draws.at("initial", "uniform", i, runs, 0) for i in range(len(lower))])
         x: Array = lower + (upper - lower) * shares
         return x
@@ -171,10 +164,7 @@ class _Simulation:
     def _initial_estimate(self) -> Array:
         if self.plan.initial_estimate is not None:
             return _columns(self.plan.initial_estimate, self.runs)
-        box = self.plan.initial_box
-        if box is not None:
-            return (_columns(box.lower, self.runs) + _columns(box.upper, self.runs)) / 2
-        return np.zeros((self.loop.plant.n, self.runs))
+        return np.zeros((self.loop.plant.n, self.runs)) if self.box is None else (self.box[0] + self.box[1]) / 2
 
 
 def _columns(values: tuple[Exact, ...], runs: int) -> Array:

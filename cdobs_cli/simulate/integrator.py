@@ -53,6 +53,10 @@ class Progress:
     def start(t: Array, y: Array, held: Array) -> Progress:
         return Progress(t, y, held, np.zeros(len(t)), np.zeros_like(y), np.zeros(len(t), dtype=np.int64))
 
+    def at(self, runs: Integers) -> tuple[Array, Array, Array]:
+        """t, y and held of some of the runs."""
+        return self.t[runs], self.y[:, runs], self.held[:, runs]
+
     def floor(self, runs: Integers) -> Array:
         """The absolute part of the error weights; `largest` is brought up to date first."""
         self.largest[:, runs] = largest = np.maximum(self.largest[:, runs], np.abs(self.y[:, runs]))
@@ -173,17 +177,17 @@ class ManyRuns:
         triggered = self.loop.observer.trigger is not None
         smallest = 1e-15 * self.horizon
         floor = progress.floor(runs)
-        k = self._slope(progress.t[runs], progress.y[:, runs], progress.held[:, runs])
+        k = self._slope(*progress.at(runs))
         fresh = np.flatnonzero(progress.h[runs] <= 0)
         for i in fresh:
             progress.h[runs[i]] = _first_step(progress.y[:, runs[i]], k[:, i], floor[:, i], self.horizon)
         codes[~np.isfinite(k).all(axis=0)] = End.SINGULAR
         # The states just after a jump have not been looked at yet.
-        codes[watch(runs, progress.t[runs], progress.y[:, runs], progress.held[:, runs])[runs]] = End.HALTED
+        codes[watch(runs, *progress.at(runs))[runs]] = End.HALTED
         live = np.flatnonzero((codes == End.REACHED) & (progress.t[runs] < ends))
         while live.size:
             ids = runs[live]
-            t, y, h, held = progress.t[ids], progress.y[:, ids], progress.h[ids], progress.held[:, ids]
+            h, (t, y, held) = progress.h[ids], progress.at(ids)
             left = ends[live] - t
             tried = np.where(h >= left, left, np.where(2 * h > left, left / 2, h))
             new, last, error, slopes = method.array_step(self._slope, t, tried, y, k[:, live], held, floor[:, live])

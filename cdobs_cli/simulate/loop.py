@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -103,13 +102,12 @@ class ClosedLoop:
 
         return slope
 
-    def start(self, y: Array, lower: Array | None, upper: Array | None, estimate: Array, x: Array) -> Array:
+    def start(self, y: Array, box: tuple[Array, Array] | None, estimate: Array, x: Array) -> Array:
         """All states at t = 0, shape (size, R), from the first measurement (p, R), the known box of x(0)
         and the initial estimate (n, R)."""
         values = {f"initial.{name}": row for name, row in zip(self.plant.states, estimate, strict=True)}
-        if lower is not None and upper is not None:
-            values |= {f"lower.{name}": row for name, row in zip(self.plant.states, lower, strict=True)}
-            values |= {f"upper.{name}": row for name, row in zip(self.plant.states, upper, strict=True)}
+        for side, rows in zip(("lower", "upper"), box or (), strict=False):
+            values |= {f"{side}.{name}": row for name, row in zip(self.plant.states, rows, strict=True)}
         values |= {f"y.{k}": row for k, row in enumerate(y)}
         values |= dict.fromkeys(("t", LAST_SAMPLE), np.zeros(x.shape[1]))
         compiled = compile_floats([self._closed(row) for row in self.observer.start], tuple(values), arrays=True)
@@ -133,14 +131,16 @@ class ClosedLoop:
         return value
 
     def see(self, t: Array, y: Array, held: Array) -> View:
-        rows = iter(stacked(self._see(t, *y, *held), len(t)))
+        values, place = stacked(self._see(t, *y, *held), len(t)), 0
 
         def take(count: int) -> Array:
-            return np.array(list(islice(rows, count))).reshape(count, len(t))
+            nonlocal place
+            place += count
+            return values[place - count : place]
 
-        estimates = {name: take(len(parts)) for name, parts in self.observer.estimates.items()}
-        internals = {name: next(rows) for name in self.observer.internals}
-        signals = {name: next(rows) for name in (*self.controls, *self.signals.continuous)}
+        estimates = {name: take(len(rows)) for name, rows in self.observer.estimates.items()}
+        internals = {name: take(1)[0] for name in self.observer.internals}
+        signals = {name: take(1)[0] for name in (*self.controls, *self.signals.continuous)}
         stops, where = take(len(self.observer.stops)), take(len(self.where))
         return View(y[: self.plant.n], estimates, internals, signals, stops, where)
 

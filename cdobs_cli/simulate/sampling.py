@@ -35,9 +35,9 @@ class Timetable:
             )
         samples = self.horizon / ((self.low + self.high) / 2)
         if self._typed is None and samples >= max_samples:
-            found, allowed = f"about {samples:.3g} a run", f"{max_samples} a run"
+            got, allowed = f"about {samples:.3g} a run", f"{max_samples} a run"
             hint = "shorten the horizon or lengthen the period"
-            raise SpecError.at(("simulation", "horizon"), "the horizon holds too many samples", found, allowed, hint)
+            raise SpecError.at(("simulation", "horizon"), "the horizon holds too many samples", got, allowed, hint)
 
     def after(self, runs: Integers, index: int, t: Array) -> Array:
         """The instants that follow sample number `index`, which was at t (len(runs),)."""
@@ -57,6 +57,6 @@ class Timetable:
         wrong = ~((period > 0) & (period >= self.low * (1 - _SLACK)) & (period <= self.high * (1 + _SLACK)))
         if wrong.any():
             first = int(np.argmax(wrong))
-            found = f"T_k = {period[first]:.9g} at t_k = {t[first]:.9g}"
+            got = f"T_k = {period[first]:.9g} at t_k = {t[first]:.9g}"
             allowed = f"above 0, in [{self.low:.9g}, {self.high:.9g}]"
-            raise SpecError.at(("simulation", "sampling_times"), "a period outside the sampling law", found, allowed)
+            raise SpecError.at(("simulation", "sampling_times"), "a period outside the sampling law", got, allowed)

@@ -112,9 +112,9 @@ class Signals:
             inside = interval.holds(value)
             if not np.all(inside):
                 first = int(np.argmin(np.where(inside, np.inf, t)))
-                found = f"{float(value[first]):.9g} at t = {float(t[first]):.9g}"
+                got = f"{float(value[first]):.9g} at t = {float(t[first]):.9g}"
                 allowed = f"[{interval.lower:.9g}, {interval.upper:.9g}]"
-                raise SpecError.at(_field(interval.name), "the signal leaves its declared interval", found, allowed)
+                raise SpecError.at(_field(interval.name), "the signal leaves its declared interval", got, allowed)
 
 
 class Draws:

@@ -56,10 +56,10 @@ class Along:
             crossed, under = open_ & (now >= 0), open_ & ~(now >= 0)
             high[crossed], above[crossed] = theta, now[crossed]
             low[under], below[under] = theta, now[under]
-        found = high <= 1.0
-        if not found.any():
+        crosses = high <= 1.0
+        if not crosses.any():
             return high
-        root, least, done, last_up = high.copy(), np.abs(above), ~found, np.full(runs, -1)
+        root, least, done, last_up = high.copy(), np.abs(above), ~crosses, np.full(runs, -1)
         a, b, f_a, f_b = low, high.copy(), below.copy(), above.copy()
         for iteration in range(_ITERATIONS):
             guess = b - f_b * (b - a) / (f_b - f_a)

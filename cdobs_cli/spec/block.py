@@ -94,18 +94,18 @@ def explain(error: ValidationError, model: type[BaseModel], value: Any, at: Fiel
     """Pydantic's errors as Problems, in the words of this tool."""
     problems = []
     for item in error.errors(include_url=False):
-        path, found = _walk(value, item["loc"])
+        path, inner = _walk(value, item["loc"])
         kind, context = item["type"], item.get("ctx", {})
-        problem = Problem((*at, *path), _sentence(kind, item["msg"], context), shown(found))
+        problem = Problem((*at, *path), _sentence(kind, item["msg"], context), shown(inner))
         if kind == "extra_forbidden":
             problem = unknown_key(problem.field[:-1], str(item["loc"][-1]), sorted(_allowed(model, item["loc"][:-1])))
         elif kind == "missing":
             problem = Problem((*at, *path, *item["loc"][-1:]), "is required")
         elif kind in ("literal_error", "union_tag_invalid", "enum"):
             expected = str(context.get("expected") or context.get("expected_tags"))
-            hint = nearest(str(found), expected.replace("'", "").replace(" or ", ", ").split(", "))[2:] or None
+            hint = nearest(str(inner), expected.replace("'", "").replace(" or ", ", ").split(", "))[2:] or None
             problem = replace(problem, allowed=expected.replace("'", ""), hint=hint)
-        elif kind == "string_type" and isinstance(found, int):
+        elif kind == "string_type" and isinstance(inner, int):
             problem = replace(problem, hint="put it in quotes")
         problems.append(problem)
     return problems

@@ -242,8 +242,8 @@ class _Loader:
     def included_problem(self, problem: Problem, at: FieldPath) -> Problem:
         # What is wrong with the file as a whole is to be looked for where it is named.
         where = problem if problem.line is not None else self.document.place(at)
-        found = problem.got or problem.file
-        return replace(problem, field=at, got=found, file=where.file, line=where.line, column=where.column)
+        got = problem.got or problem.file
+        return replace(problem, field=at, got=got, file=where.file, line=where.line, column=where.column)
 
     def context(self, plant: Any) -> dict[str, Any]:
         """Names for every expression below, as far as they can be read. What is wrong among them is told where
@@ -274,8 +274,8 @@ class _Loader:
         if not isinstance(name, str) or name not in FAMILIES:
             what = "is required" if name is None else "unknown family"
             hint = nearest(name, FAMILIES)[2:] or None if isinstance(name, str) else None
-            found = None if name is None else shown(name)
-            self.tell(("observer", "family"), what, found, ", ".join(FAMILIES), hint)
+            got = None if name is None else shown(name)
+            self.tell(("observer", "family"), what, got, ", ".join(FAMILIES), hint)
             return None
         family: Family | None = self.block(FAMILIES[name], value, ("observer",), context)[0]
         return family

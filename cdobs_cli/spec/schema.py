@@ -33,22 +33,17 @@ def json_schema() -> dict[str, Any]:
         definition["properties"]["family"] = {"const": family}
         definition["required"] = sorted({*definition.get("required", []), "family"})
     return {
-        "$schema": DRAFT,
-        "title": "cdobs spec",
-        "type": "object",
+        "$schema": DRAFT, "title": "cdobs spec", "type": "object",
         "properties": {
-            "spec_version": {"const": 1},
-            "title": {"type": "string", "maxLength": 200},
-            "plant": {"anyOf": [refs[PlantBlock], plant_file]},
-            "measurement": refs[MeasurementBlock],
+            "spec_version": {"const": 1}, "title": {"type": "string", "maxLength": 200},
+            "plant": {"anyOf": [refs[PlantBlock], plant_file]}, "measurement": refs[MeasurementBlock],
             "observer": _by_family(refs),
             "simulation": {"anyOf": [refs[SimulationBlock], {"type": "null"}]},
             "expect": {"anyOf": [{"type": "array", "items": refs[ExpectBlock]}, {"type": "null"}]},
         },
-        "required": ["spec_version", "plant", "measurement", "observer"],
-        "additionalProperties": False,
+        "required": ["spec_version", "plant", "measurement", "observer"], "additionalProperties": False,
         "definitions": definitions,
-    }
+    }  # fmt: skip
 
 
 def _require(name: str, definition: dict[str, Any]) -> None:
@@ -66,23 +61,18 @@ def _require(name: str, definition: dict[str, Any]) -> None:
 def _blocks() -> list[Any]:
     from cdobs_cli.spec.block import Block
 
-    found, stack = [], [Block]
+    blocks, stack = [], [Block]
     while stack:
         block = stack.pop()
-        found.append(block)
+        blocks.append(block)
         stack.extend(block.__subclasses__())
-    return found
+    return blocks
 
 
 def _by_family(refs: dict[type[Any], Any]) -> dict[str, Any]:
     """The observer's block, told apart by `family`: if/then, so that an editor names the mistake in the
     family that was meant."""
-    return {
-        "type": "object",
-        "required": ["family"],
-        "properties": {"family": {"enum": list(FAMILIES)}},
-        "allOf": [
-            {"if": {"properties": {"family": {"const": name}}, "required": ["family"]}, "then": refs[block]}
-            for name, block in FAMILIES.items()
-        ],
-    }
+    known = {name: {"properties": {"family": {"const": name}}, "required": ["family"]} for name in FAMILIES}
+    branches = [{"if": known[name], "then": refs[block]} for name, block in FAMILIES.items()]
+    names = {"family": {"enum": list(FAMILIES)}}
+    return {"type": "object", "required": ["family"], "properties": names, "allOf": branches}

@@ -55,16 +55,9 @@ class SimulationBlock(Block):
 
 
 def simulation_problems(
-    simulation: SimulationBlock,
-    wrong_fields: set[str],
-    *,
-    states: tuple[str, ...] | None,
-    inputs: tuple[str, ...] | None,
-    outputs: int | None,
-    disturbed: bool,
-    noisy: bool,
-    law: SamplingLaw | None,
-) -> Iterator[Problem]:
+    simulation: SimulationBlock, wrong_fields: set[str], *, states: tuple[str, ...] | None,
+    inputs: tuple[str, ...] | None, outputs: int | None, disturbed: bool, noisy: bool, law: SamplingLaw | None,
+) -> Iterator[Problem]:  # fmt: skip
     """Lengths, a start, a number of samples that can be run, a signal for what needs one."""
     at = ("simulation",)
     n = None if states is None else len(states)
@@ -102,14 +95,9 @@ def _draw_problems(expression: Expression, at: tuple[str | int, ...]) -> Iterato
 
 
 def _signal_problems(
-    signals: SignalsBlock,
-    wrong_fields: set[str],
-    n: int | None,
-    inputs: tuple[str, ...] | None,
-    outputs: int | None,
-    disturbed: bool,
-    noisy: bool,
-) -> Iterator[Problem]:
+    signals: SignalsBlock, wrong_fields: set[str], n: int | None, inputs: tuple[str, ...] | None, outputs: int | None,
+    disturbed: bool, noisy: bool,
+) -> Iterator[Problem]:  # fmt: skip
     at = ("simulation", "signals")
     given, inputs = signals.inputs, tuple(signals.inputs) if inputs is None else inputs
     for name in given:
@@ -140,13 +128,6 @@ def plan(block: SimulationBlock) -> SimulationPlan:
         signals |= {f"d.{i}": expression for i, expression in enumerate(block.signals.d or ())}
         signals |= {f"v.{i}": expression for i, expression in enumerate(block.signals.v or ())}
     times = block.sampling_times
-    return SimulationPlan(
-        horizon=block.horizon,
-        initial_state=block.initial_state,
-        initial_box=None if block.initial_box is None else block.initial_box.box(),
-        initial_estimate=block.initial_estimate,
-        runs=block.runs,
-        seed=block.seed,
-        signals=signals,
-        sampling_times=None if times is None else times.substitute({"t_k": Variable("t")}),
-    )
+    typed_times = None if times is None else times.substitute({"t_k": Variable("t")})
+    box, start = None if block.initial_box is None else block.initial_box.box(), block.initial_estimate
+    return SimulationPlan(block.horizon, block.initial_state, box, start, block.runs, block.seed, signals, typed_times)

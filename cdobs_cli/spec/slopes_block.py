@@ -30,12 +30,9 @@ def _slope(value: Any, info: ValidationInfo) -> tuple[Exact, Exact] | None:
     return -c, c
 
 
+_PAIR = {"type": "array", "items": {"type": ["number", "string"]}, "minItems": 2, "maxItems": 2}
 _SLOPE_SCHEMA = {
-    "anyOf": [
-        {"type": "number"},
-        {"type": "string"},
-        {"type": "array", "items": {"type": ["number", "string"]}, "minItems": 2, "maxItems": 2},
-    ],
+    "anyOf": [{"type": "number"}, {"type": "string"}, _PAIR],
     "description": "c bounds |d phi_i / d x_j|; or [lower, upper]; or auto.",
 }
 SlopeEntry = Annotated[Any, PlainValidator(_slope), WithJsonSchema(_SLOPE_SCHEMA)]

@@ -39,7 +39,10 @@ def test_poles_are_where_they_were_asked_for(n):
 def test_two_outputs_are_refused():
     plant = oscillator()
     two = Plant(plant.states, (), plant.A, plant.phi, None, ExactMatrix([[1, 0], [0, 1]]), plant.slopes, plant.sampling)
-    for make in (lambda: placed_gain(two, 0.5, 0.5), lambda: extended_kalman_filter(two, (Exact(1),) * 2, Exact(1), (Exact(1),) * 2)):
+    for make in (
+        lambda: placed_gain(two, 0.5, 0.5),
+        lambda: extended_kalman_filter(two, (Exact(1),) * 2, Exact(1), (Exact(1),) * 2),
+    ):
         with pytest.raises(ValueError, match="one output"):
             make()
 

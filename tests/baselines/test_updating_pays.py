@@ -8,7 +8,9 @@ from updating import Comparison, fewest, front
 def test_updating_needs_fewer_measurements_than_the_best_constant_period():
     comparison = Comparison(runs=4, horizon="14")
     points = [comparison.updated("0.9", "0.3"), comparison.updated("0.9", "0.1")]
-    points += [comparison.constant(period, radius) for period in ("0.15", "0.25", "0.35") for radius in (0.5, 0.7, 0.85)]
+    points += [
+        comparison.constant(period, radius) for period in ("0.15", "0.25", "0.35") for radius in (0.5, 0.7, 0.85)
+    ]
     best = front(points, "updated")[-1]
     rival = fewest(points, "constant period", best.error)
     assert rival is None or rival.measurements > 1.2 * best.measurements
@@ -21,5 +23,7 @@ def test_without_measurements_the_error_grows():
 
 
 def test_noise_reaches_the_estimate_in_proportion():
-    quiet, loud = (Comparison(runs=2, horizon="14", noise=noise).updated("0.9", "0.3").error for noise in ("0.003", "0.03"))
+    quiet, loud = (
+        Comparison(runs=2, horizon="14", noise=noise).updated("0.9", "0.3").error for noise in ("0.003", "0.03")
+    )
     assert 3 * quiet < loud < 15 * quiet

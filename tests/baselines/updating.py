@@ -19,7 +19,7 @@ from cdobs_cli.design import Design
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import parse
 from cdobs_cli.families.updated_sampling import UpdatedSampling
-from cdobs_cli.families.updated_sampling.synthesis import rate_of
+from cdobs_cli.families.updated_sampling.lipschitz import rate_of
 from cdobs_cli.hybrid import HybridSystem, Observer
 from cdobs_cli.plant import Box
 from cdobs_cli.run import SimulationPlan
@@ -51,7 +51,9 @@ class Comparison:
         self.noise = noise
         drawn = parse(f"uniform(-{noise}, {noise})", frozenset(), {}, NOISE_FUNCTIONS)
         signals = {**self.spec.simulation.signals, "v.0": drawn}
-        self.plan: SimulationPlan = replace(self.spec.simulation, runs=runs, horizon=Exact(horizon), seed=seed, signals=signals)
+        self.plan: SimulationPlan = replace(
+            self.spec.simulation, runs=runs, horizon=Exact(horizon), seed=seed, signals=signals
+        )
 
     def point(self, method: str, settings: str, observer: Observer, law: SamplingLaw) -> Point:
         width = Exact(self.noise)
@@ -76,16 +78,22 @@ class Comparison:
         }  # fmt: skip
         family = UpdatedSampling.model_validate({"family": "updated_sampling", "gain": gain})
         assert family.gain is not None
-        matrices = {"K": family.gain.K} | {name: ExactMatrix([[getattr(family.gain, name)]]) for name in ("alpha", "a1", "a2", "a3")}
+        matrices = {"K": family.gain.K} | {
+            name: ExactMatrix([[getattr(family.gain, name)]]) for name in ("alpha", "a1", "a2", "a3")
+        }
         plant = self.spec.plant
-        design = Design(family.name, "given", plant.sampling, matrices, details={"rate": rate_of(family, plant).document()})
+        design = Design(
+            family.name, "given", plant.sampling, matrices, details={"rate": rate_of(family, plant).document()}
+        )
         return self.point("updated", f"alpha {alpha}, a2 {a_2}", family.observer(plant, design), plant.sampling)
 
     def proved(self) -> Point:
         family = UpdatedSampling()
         design = family.synthesize(self.spec.plant, 0)
         settings = f"alpha {design.gain['alpha'][0, 0]}, a2 {design.gain['a2'][0, 0]}"
-        return self.point("updated, proved", settings, family.observer(self.spec.plant, design), self.spec.plant.sampling)
+        return self.point(
+            "updated, proved", settings, family.observer(self.spec.plant, design), self.spec.plant.sampling
+        )
 
     def constant(self, period: str, radius: float) -> Point:
         K = placed_gain(self.spec.plant, float(Exact(period)), radius)
@@ -100,7 +108,12 @@ class Comparison:
         return self.point("Kalman filter", f"period {period}, q {q}", observer, SamplingLaw.periodic(Exact(period)))
 
     def points(
-        self, alphas: Iterable[str], a_2s: Iterable[str], periods: Iterable[str], radii: Iterable[float], qs: Iterable[str]
+        self,
+        alphas: Iterable[str],
+        a_2s: Iterable[str],
+        periods: Iterable[str],
+        radii: Iterable[float],
+        qs: Iterable[str],
     ) -> Iterator[Point]:
         """The whole grid."""
         a_2s, periods, radii, qs = list(a_2s), list(periods), list(radii), list(qs)
@@ -114,7 +127,9 @@ class Comparison:
 def front(points: Iterable[Point], method: str) -> list[Point]:
     """The points of a method that no other of its points beats, by measurements."""
     kept: list[Point] = []
-    for point in sorted((p for p in points if p.method == method and np.isfinite(p.error)), key=lambda p: (p.measurements, p.error)):
+    for point in sorted(
+        (p for p in points if p.method == method and np.isfinite(p.error)), key=lambda p: (p.measurements, p.error)
+    ):
         if not kept or point.error < kept[-1].error:
             kept.append(point)
     return kept

@@ -17,39 +17,38 @@ import resource
 import subprocess
 import sys
 import time
-from fractions import Fraction
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "certify"))
 
 # Where the search for a period starts.
-START = {False: dict.fromkeys(range(2, 9), 0.9), True: dict(zip(range(2, 9), (0.7, 0.5, 0.35, 0.28, 0.22, 0.18, 0.15), strict=True))}
+START = {
+    False: dict.fromkeys(range(2, 9), 0.9),
+    True: dict(zip(range(2, 9), (0.7, 0.5, 0.35, 0.28, 0.22, 0.18, 0.15), strict=True)),
+}
 
 
 def one(n: int, ones: bool, effort: int) -> None:
     from example_inclusions import canonical, impulsive, periodic
 
-    from cdobs_cli.certify import clock
-    from cdobs_cli.exact.numbers import Exact, ExactMatrix
+    from cdobs_cli.certify.methods.base import Question
+    from cdobs_cli.certify.methods.clock.design import ImpulsiveGain
 
     c = [1] * n if ones else [1] + [0] * (n - 1)
-
-    def at(T):
-        return impulsive(canonical(c, periodic(str(T))), [["0"]] * n)
-
+    question = Question(impulsive(canonical(c, periodic(str(START[ones][n]))), [["0"]] * n), effort=effort)
     began = time.perf_counter()
-    T, (K, certificate) = clock.largest_period_design(at, Exact(str(START[ones][n])), effort)
+    best = ImpulsiveGain().longest(question)
     searched = time.perf_counter() - began
     began = time.perf_counter()
-    proved = clock.prove(clock.with_gain(at(T), ExactMatrix.from_floats(K, 6)), certificate).proved
-    data = certificate.data
-    pieces = sum(int(part) for part in data["pieces"])
-    flow = pieces * (int(data["elevated"]) + 1) * 2 ** len(at(T).entries)
+    proved = best.method.prove(question.with_gain({"K": best.gain})).holds
+    shape = best.method.shape
+    flow = shape.pieces * (shape.D + 1) * 2 ** len(question.inclusion.entries)
     print(
         json.dumps(
             {
-                "n": n, "c": "ones" if ones else "first", "T": str(T), "proved": proved, "search_s": round(searched, 2),
-                "proof_s": round(time.perf_counter() - began, 2), "flow_inequalities": flow, "degree": data["degree"], "pieces": pieces,
+                "n": n, "c": "ones" if ones else "first", "T": str(best.law.T_max), "proved": proved,
+                "search_s": round(searched, 2), "proof_s": round(time.perf_counter() - began, 2),
+                "flow_inequalities": flow, "degree": shape.d, "pieces": shape.pieces,
                 "peak_MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024,
             }
         )
@@ -60,7 +59,9 @@ def growth(largest: int, effort: int, folder: Path) -> None:
     found = []
     for ones in (False, True):
         for n in range(2, largest + 1):
-            command = [sys.executable, __file__, "one", "--states", str(n), "--effort", str(effort)] + (["--ones"] if ones else [])
+            command = [sys.executable, __file__, "one", "--states", str(n), "--effort", str(effort)] + (
+                ["--ones"] if ones else []
+            )
             line = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
             print(line, flush=True)
             found.append(json.loads(line))
@@ -72,20 +73,26 @@ def draw_growth(found: list[dict], folder: Path) -> None:
     from cdobs_cli.chart import Chart, Panel, Series
     from cdobs_cli.report.figures import draw
 
-    quantities = {"search_s": "search (s)", "proof_s": "proof (s)", "flow_inequalities": "flow inequalities", "peak_MB": "memory (MB)"}
+    quantities = {
+        "search_s": "search (s)",
+        "proof_s": "proof (s)",
+        "flow_inequalities": "flow inequalities",
+        "peak_MB": "memory (MB)",
+    }
     labels = {"first": "c = (1, 0, ..)", "ones": "c = (1, .., 1)"}
+    rows = {c: [row for row in found if row["c"] == c] for c in labels}
+
+    def series(name: str, c: str) -> Series:
+        return Series(labels[c], [row["n"] for row in rows[c]], [max(row[name], 0.01) for row in rows[c]])
+
     panels = tuple(
-        Panel(
-            "states n", text, y_scale="log",
-            series=tuple(
-                Series(label, [row["n"] for row in found if row["c"] == c], [max(row[name], 0.01) for row in found if row["c"] == c])
-                for c, label in labels.items()
-            ),
-        )
+        Panel("states n", text, y_scale="log", series=tuple(series(name, c) for c in labels))
         for name, text in quantities.items()
-    )  # fmt: skip
+    )
     folder.mkdir(parents=True, exist_ok=True)
-    drawing = draw(Chart("clock_growth", "Growth with the number of states", "The largest period found, at one effort.", panels))
+    drawing = draw(
+        Chart("clock_growth", "Growth with the number of states", "The largest period found, at one effort.", panels)
+    )
     for ending in ("svg", "png", "csv"):
         (folder / f"clock_growth.{ending}").write_bytes(getattr(drawing, ending))
 
@@ -97,21 +104,23 @@ def direct(steps: int = 40) -> None:
     import numpy as np
     from example_inclusions import canonical, impulsive, periodic
 
-    from cdobs_cli.certify import clock
     from cdobs_cli.certify.bernstein import derivative, elevation
+    from cdobs_cli.certify.methods.base import Question
+    from cdobs_cli.certify.methods.clock.certificate import _guess_gain, basis
+    from cdobs_cli.certify.methods.clock.form import Shape, in_basis
 
-    c, shape = [1, 1, 1], clock.Shape(4, 5, 4, 0)
+    c, shape = [1, 1, 1], Shape(4, 5, 4, 0)
 
     def open_loop(T):
         return impulsive(canonical(c, periodic(f"{T:.16f}")), [["0"]] * 3)
 
     def by_search(T, cuts):
-        return clock.propose_gain(open_loop(T), shape, Fraction(0), cuts) is not None
+        return _guess_gain(Question(open_loop(T), memory=cuts), shape) is not None
 
     def by_cvxpy(T, _):
         inclusion = open_loop(T)
-        S = np.array(clock.basis(inclusion), dtype=float)
-        maps = clock.in_basis(inclusion.floats, S, np.linalg.inv(S))
+        S = np.array(basis(inclusion), dtype=float)
+        maps = in_basis(inclusion.floats, S, np.linalg.inv(S))
         C = inclusion.plant.C.floats @ S
         P = [cp.Variable((3, 3), symmetric=True) for _ in range(shape.count)]
         W, t = cp.Variable((3, 1)), cp.Variable()
@@ -135,7 +144,10 @@ def direct(steps: int = 40) -> None:
             middle = (low + high) / 2
             low, high = (middle, high) if feasible(middle, cuts) else (low, middle)
         results[name] = (time.perf_counter() - began, low)
-        print(f"{name:7s} {results[name][0]:8.2f} s for {steps} steps to T = {low:.6f}, clarabel {clarabel.__version__}", flush=True)
+        print(
+            f"{name:7s} {results[name][0]:8.2f} s for {steps} steps to T = {low:.6f}, clarabel {clarabel.__version__}",
+            flush=True,
+        )
     print(f"ratio {results['cvxpy'][0] / results['direct'][0]:.1f}")
 
 
@@ -143,18 +155,17 @@ def ladder() -> None:
     """The pendulum: what each method proves, any gain."""
     from example_inclusions import canonical, impulsive, periodic
 
-    from cdobs_cli.certify import clock, planar
-    from cdobs_cli.exact.numbers import Exact
+    from cdobs_cli.certify.methods.base import Question
+    from cdobs_cli.certify.methods.clock.design import ImpulsiveGain
+    from cdobs_cli.certify.methods.planar.extremals import limit_any_gain, planar_class
 
-    def at(T):
-        return impulsive(canonical([1, 0], periodic(str(T))), [["0"], ["0"]])
-
+    pendulum = impulsive(canonical([1, 0], periodic("1")), [["0"], ["0"]])
     print("printed set, (31) and (13)      0.668   (Dinh2014)")
     for effort in range(4):
-        T, _ = clock.largest_period_design(at, Exact("1"), effort)
-        print(f"clock certificate, effort {effort}     {T}")
-    family, _ = planar.planar_class(at("1"))
-    print(f"exact limit for K_1 = 1         {planar.limit_any_gain(family, 3.0):.10f}")
+        best = ImpulsiveGain().longest(Question(pendulum, effort=effort))
+        print(f"clock certificate, effort {effort}     {best.law.T_max}")
+    family, _ = planar_class(pendulum)
+    print(f"exact limit for K_1 = 1         {limit_any_gain(family, 3.0):.10f}")
 
 
 def main() -> None:

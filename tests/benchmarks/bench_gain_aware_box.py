@@ -80,9 +80,16 @@ def main() -> None:
         start = np.array(K_2)
         for share in (0.7, 0.8, 0.9, 1.0):
             Phi = flow_maps(c, share * clock)
-            found = minimize(contraction, start, args=(Phi,), method="Nelder-Mead", options={"maxfev": 60, "xatol": 1e-3, "fatol": 1e-3})
+            found = minimize(
+                contraction,
+                start,
+                args=(Phi,),
+                method="Nelder-Mead",
+                options={"maxfev": 60, "xatol": 1e-3, "fatol": 1e-3},
+            )
             start = found.x
-            print(f"  period {share * clock:.4f}: contraction {found.fun:.3f}{'' if found.fun < 1 else '  (nothing to prove)'}", flush=True)
+            told = "" if found.fun < 1 else "  (nothing to prove)"
+            print(f"  period {share * clock:.4f}: contraction {found.fun:.3f}{told}", flush=True)
 
 
 if __name__ == "__main__":

@@ -2,8 +2,8 @@
 
     PYTHONPATH=. python tests/benchmarks/bench_lpv_corners.py [largest n] [--verbs]
 
-Prints, for each n: the period, seconds of processor time for the gain (convex synthesis), for the certificate of the rounded
-gain, for its proof in balls at all 2^n corners; with --verbs also seconds of `synthesize` and `certify`, and
+Prints, for each n: the period, seconds of processor time for the gain (convex synthesis), for the certificate of the
+rounded gain, for its proof in balls at all 2^n corners; with --verbs also seconds of `synthesize` and `certify`, and
 the verdict.
 """
 
@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import sys
 import time
-from fractions import Fraction
 
+from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger
+from cdobs_cli.certify.methods.wirtinger.design import HeldSynthesis
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import parse
-from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold, wirtinger
+from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold
 from cdobs_cli.plant import Plant, Slopes
 from cdobs_cli.sampling import SamplingLaw
 
@@ -42,15 +43,16 @@ def main() -> None:
             break
         plant = chain(n, T)
         start = time.process_time()
-        found = wirtinger.propose(plant, float(T), 0.0, 1.0)
+        found = HeldSynthesis(plant).propose(float(T), 0.0)
         gained = time.process_time()
-        L = ExactMatrix.from_floats(found.L, 6)
-        certificate = wirtinger.analyse(plant, L, Exact(T), Fraction(0))
+        question = LpvZeroOrderHold().question(plant, {"L": ExactMatrix.from_floats(found.L, 6)}, 1)
+        certificate = Wirtinger.propose(question)
         searched = time.process_time()
-        proved = certificate is not None and wirtinger.prove(plant, L, certificate).proved
+        proved = certificate is not None and certificate.prove(question).holds
         ended = time.process_time()
         outcome = "proved" if proved else "undecided"
-        print(f"{n:>2} {2**n:>7} {T:>6} {gained - start:>8.3f} {searched - gained:>8.3f} {ended - searched:>8.3f}  {outcome}", flush=True)
+        seconds = f"{gained - start:>8.3f} {searched - gained:>8.3f} {ended - searched:>8.3f}"
+        print(f"{n:>2} {2**n:>7} {T:>6} {seconds}  {outcome}", flush=True)
         if "--verbs" in sys.argv:
             card = LpvZeroOrderHold()
             start = time.process_time()

@@ -17,7 +17,11 @@ from cdobs_cli.simulate.engine import simulate
 from cdobs_cli.spec.model import load
 
 SPECS = Path(__file__).parents[2] / "specs"
-NAMES = ("updated_sampling_bioreactor_corrected", "updated_sampling_bioreactor_corrected_fast", "updated_sampling_bioreactor_best")
+NAMES = (
+    "updated_sampling_bioreactor_corrected",
+    "updated_sampling_bioreactor_corrected_fast",
+    "updated_sampling_bioreactor_best",
+)
 
 
 def compare(name: str) -> dict[str, tuple[int, float, float]]:

@@ -29,7 +29,10 @@ def main(largest: int) -> None:
         end = time.process_time()
         memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
         period = check.bounds["period_max.set"].proved
-        print(f"{n:>2} {period:>9} {2 ** (2 * n - 2):>8} {middle - start:>10.2f} {end - middle:>10.2f} {memory:>10.0f}", flush=True)
+        print(
+            f"{n:>2} {period:>9} {2 ** (2 * n - 2):>8} {middle - start:>10.2f} {end - middle:>10.2f} {memory:>10.0f}",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ import time
 from functools import partial
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "certify"))
+sys.path.extend(str(Path(__file__).resolve().parents[1] / room) for room in ("", "bounds"))
 
 from test_proved_bounds import sampled_violations
 from test_slopes import bioreactor, make_plant
@@ -31,7 +31,12 @@ def line(phi, low, high):
 
 
 if __name__ == "__main__":
-    for phi, low, high in (("sin(a)", "-1", "1"), ("0.3*sin(a)", "-0.3", "0.3"), ("tanh(a)", "0", "1"), ("sat(a)", "0", "1")):
+    for phi, low, high in (
+        ("sin(a)", "-1", "1"),
+        ("0.3*sin(a)", "-0.3", "0.3"),
+        ("tanh(a)", "0", "1"),
+        ("sat(a)", "0", "1"),
+    ):
         timed(f"{phi} on R", partial(decided, line(phi, low, high)))
     box = {"x1": ("-2", "2"), "x2": ("-3", "3")}
     oscillator = make_plant(["x1", "x2"], ["0", "(1 - x1**2)*x2"], box=box, auto=[(1, 0), (1, 1)])
@@ -41,4 +46,5 @@ if __name__ == "__main__":
     timed("bioreactor, auto", lambda: resolve(bioreactor(auto=[(0, 0), (1, 0), (1, 1)]))[1])
     start = time.perf_counter()
     violations, looseness = sampled_violations(7, int(sys.argv[1]) if len(sys.argv) > 1 else 100, 100_000)
-    print(f"{len(looseness)} random slopes, 1e5 points each: {len(violations)} violations, {time.perf_counter() - start:.1f} s")
+    seconds = time.perf_counter() - start
+    print(f"{len(looseness)} random slopes, 1e5 points each: {len(violations)} violations, {seconds:.1f} s")

@@ -33,23 +33,40 @@ def main(runs, folder):
     print("\nmeasurements needed at equal error\n     error " + "".join(f"{method:>18}" for method in METHODS))
     for target in (point.error for point in fronts["updated"]):
         found = [fewest(points, method, target * (1 + 1e-9)) for method in METHODS]
-        print(f"   {target:.5f} " + "".join(f"{point.measurements:18.1f}" if point else f"{'not reached':>18}" for point in found))
-    print("\nerror of updated sampling by half width of the noise, a2 = 0.3\n     alpha " + "".join(f"{noise:>12}" for noise in NOISES))
+        print(
+            f"   {target:.5f} "
+            + "".join(f"{point.measurements:18.1f}" if point else f"{'not reached':>18}" for point in found)
+        )
+    print(
+        "\nerror of updated sampling by half width of the noise, a2 = 0.3\n     alpha "
+        + "".join(f"{noise:>12}" for noise in NOISES)
+    )
     for alpha in ALPHAS:
         errors = [Comparison(runs, "30", noise=noise).updated(alpha, "0.3").error for noise in NOISES]
         print(f"  {alpha:>8} " + "".join(f"{error:12.5f}" for error in errors))
     roles = dict(zip(METHODS, ("estimate", "measured", "other", "proved"), strict=True))
     series = tuple(
-        Series(method, [p.measurements for p in kept], [p.error for p in kept], "points" if len(kept) == 1 else "line", roles[method])
+        Series(
+            method,
+            [p.measurements for p in kept],
+            [p.error for p in kept],
+            "points" if len(kept) == 1 else "line",
+            roles[method],
+        )
         for method, kept in fronts.items()
         if kept
     )
     panel = Panel("measurements a run", "error, root mean square", series, "log", "log")
-    drawing = draw(Chart("updating_pays", "Measurements against error", "Fronts over the settings of each method.", (panel,)))
+    drawing = draw(
+        Chart("updating_pays", "Measurements against error", "Fronts over the settings of each method.", (panel,))
+    )
     folder.mkdir(parents=True, exist_ok=True)
     for ending in ("svg", "png", "csv"):
         (folder / f"updating_pays.{ending}").write_bytes(getattr(drawing, ending))
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 24, Path(sys.argv[2]) if len(sys.argv) > 2 else Path("results/benchmarks"))
+    main(
+        int(sys.argv[1]) if len(sys.argv) > 1 else 24,
+        Path(sys.argv[2]) if len(sys.argv) > 2 else Path("results/benchmarks"),
+    )

@@ -41,7 +41,10 @@ def differences(before: dict[str, Any], after: dict[str, Any]) -> list[tuple[str
     rows = []
     if before["verdict"] != after["verdict"]:
         rows.append(("verdict", f"{before['verdict']} -> {after['verdict']}", float("-inf")))
-    kinds = [next((c["witness"] and c["witness"]["kind"] for c in one["claims"] if c["id"] == "convergence"), None) for one in (before, after)]
+    kinds = [
+        next((c["witness"] and c["witness"]["kind"] for c in one["claims"] if c["id"] == "convergence"), None)
+        for one in (before, after)
+    ]
     if kinds[0] != kinds[1]:
         rows.append(("witness", f"{kinds[0]} -> {kinds[1]}", 0.0 if kinds[1] else float("-inf")))
     for name in sorted(before["bounds"].keys() | after["bounds"].keys()):
@@ -66,7 +69,10 @@ def main() -> int:
         for what, text, better in differences(before[spec], after[spec]):
             mark = "worse" if better < 0 else "better" if better > 0 else "other"
             worse += better < -5e-4
-            print(f"{mark:6} {spec:45} {what:40} {text}" + (f" ({better:+.2e})" if abs(better) not in (0.0, float("inf")) else ""))
+            print(
+                f"{mark:6} {spec:45} {what:40} {text}"
+                + (f" ({better:+.2e})" if abs(better) not in (0.0, float("inf")) else "")
+            )
     print(f"{len(before)} specs before, {len(after)} after; {worse} worse by more than 0.05 %")
     return 1 if worse else 0
 

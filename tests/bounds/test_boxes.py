@@ -55,10 +55,15 @@ def violations(seed, expressions, points):
         slopes = [expression.derivative(name) for name in NAMES]
         zero = (np.zeros(8), np.zeros(8))
         for box in range(8):
-            exact = range_of(expression, {name: Range(Fraction(low[box, j]), Fraction(high[box, j])) for j, name in enumerate(NAMES)})
+            exact = range_of(
+                expression, {name: Range(Fraction(low[box, j]), Fraction(high[box, j])) for j, name in enumerate(NAMES)}
+            )
             for _ in range(points):
                 point = low[box] + width[box] * [source.choice([0, 1, source.random()]) for _ in NAMES]
-                env = {name: fraction_ball(Fraction(float(at))) for name, at in zip(NAMES, np.minimum(point, high[box]), strict=True)}
+                env = {
+                    name: fraction_ball(Fraction(float(at)))
+                    for name, at in zip(NAMES, np.minimum(point, high[box]), strict=True)
+                }
                 value = expression.ball(env)
                 if not value.is_finite():
                     continue

@@ -58,7 +58,14 @@ def test_without_typed_errors_a_set_of_them_is_printed() -> None:
 def test_an_affine_limit_needs_slopes_on_the_whole_box() -> None:
     def product(upper: str):
         box = {"x": ("0", "1"), "y": ("0", "1")}
-        return make_plant(("x", "y"), ("0", "x*y"), lower=[["0", "0"]] * 2, upper=[["0", "0"], [upper, "1"]], box=box, where=("0.5 - y",))
+        return make_plant(
+            ("x", "y"),
+            ("0", "x*y"),
+            lower=[["0", "0"]] * 2,
+            upper=[["0", "0"], [upper, "1"]],
+            box=box,
+            where=("0.5 - y",),
+        )
 
     assert confine(product("1"), "auto", (), None).way == "continuation"
     assert confine(product("0.6"), "auto", (), None).way == "open"  # on the box y reaches 1

@@ -37,7 +37,10 @@ def test_a_limit_on_the_only_state_leaves_a_side_without_states() -> None:
 
 def test_a_side_is_open_through_another_state() -> None:
     """At x = 0 the speed is y, which takes both signs."""
-    assert domain_invariant(make_plant(("x", "y"), ("y", "-y"), box={"x": ("0", "1"), "y": ("-1", "1")})).status == "refuted"
+    assert (
+        domain_invariant(make_plant(("x", "y"), ("y", "-y"), box={"x": ("0", "1"), "y": ("-1", "1")})).status
+        == "refuted"
+    )
 
 
 def test_the_neighbourhood_reaches_beyond_the_side_in_other_states_too() -> None:

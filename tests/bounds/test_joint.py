@@ -35,7 +35,8 @@ spec_version: 1
 plant:
   states: [X1, S1, X2, S2]
   inputs: {D: {range: [0.2, 0.4]}}
-  parameters: {al: 0.5, k1: 42.14, k2: 116.5, k3: 268, m1: 1.2, K1: 7.1, m2: 0.74, K2: 9.28, KI: 256, S1in: 10, S2in: 80}
+  parameters: {al: 0.5, k1: 42.14, k2: 116.5, k3: 268, m1: 1.2, K1: 7.1, m2: 0.74, K2: 9.28, KI: 256, S1in: 10, S2in:
+  80}
   dynamics:
     - "(m1*S1/(K1+S1) - al*D)*X1"
     - "D*(S1in - S1) - k1*m1*S1/(K1+S1)*X1"
@@ -75,7 +76,9 @@ def test_the_fewest_functions(text: str, entries: int, functions: int, tmp_path:
 
 def jacobian(plant: Plant, at: dict[str, float]) -> np.ndarray:
     derivatives = [[plant.phi[i].derivative(name) for name in plant.states] for i in range(plant.n)]
-    return np.array([[float(d.ball({k: Exact(str(v)).ball() for k, v in at.items()}).mid()) for d in row] for row in derivatives])
+    return np.array(
+        [[float(d.ball({k: Exact(str(v)).ball() for k, v in at.items()}).mid()) for d in row] for row in derivatives]
+    )
 
 
 @pytest.mark.parametrize("text", [LORENZ, DIGESTER, VEHICLE])
@@ -89,7 +92,10 @@ def test_the_functions_make_the_jacobian_and_their_bounds_hold(text: str, tmp_pa
     ends |= {one.name: (float(one.range.lower or 0), float(one.range.upper or 0)) for one in plant.inputs if one.range}
     for _ in range(50):
         at = {name: round(float(random.uniform(*end)), 6) for name, end in ends.items()}
-        values = [float(rho.function.ball({k: Exact(str(v)).ball() for k, v in at.items()}).mid()) for rho in plant.slopes.joint]
+        values = [
+            float(rho.function.ball({k: Exact(str(v)).ball() for k, v in at.items()}).mid())
+            for rho in plant.slopes.joint
+        ]
         assert all(float(rho.lower) <= v <= float(rho.upper) for rho, v in zip(plant.slopes.joint, values, strict=True))
         slopes = view.flow(values) - plant.A.floats
         assert slopes == pytest.approx(jacobian(plant, at), rel=1e-9, abs=1e-9)
@@ -110,7 +116,8 @@ def test_lorenz_is_proved_where_the_independent_box_fails(tmp_path: Path) -> Non
 
 
 def test_a_gain_that_works_in_simulation_is_refuted_at_a_point_of_the_domain_only(tmp_path: Path) -> None:
-    """L = (10, 25, 0): the independent box needs x = 20 and x = -20 at once; the joint class has (x, y, z) = (20, 28, 0),
+    """L = (10, 25, 0): the independent box needs x = 20 and x = -20 at once; the joint class has (x, y, z) = (20,
+    28, 0),
     where A + V - L C has an eigenvalue 1.3253, so some plant with these slopes defeats it at every period."""
     spec = made(LORENZ, tmp_path)
     plant, _ = resolve(spec.plant)

@@ -47,7 +47,8 @@ def sampled_violations(seed, expressions, points):
     for _ in range(expressions):
         slope = smooth(source, source.randint(2, 4)).derivative("x")
         ends = {
-            name: Interval(Exact(low), Exact(high)) for name, low, high in (("x", "-1", "2"), ("y", "-1.3", "0.7"), ("u", "0.1", "0.9"))
+            name: Interval(Exact(low), Exact(high))
+            for name, low, high in (("x", "-1", "2"), ("y", "-1.3", "0.7"), ("u", "0.1", "0.9"))
         }
         region = Region.made(ends, NAMES, (TRIANGLE,))
         found = automatic(slope, region)
@@ -60,7 +61,9 @@ def sampled_violations(seed, expressions, points):
         values = np.broadcast_to(values, sample.shape[:1])
         # Points that floats put outside are judged again in balls.
         for k in np.flatnonzero((values > high) | (values < low))[:50]:
-            ball = slope.ball({name: fraction_ball(Fraction(float(at))) for name, at in zip(NAMES, sample[k], strict=True)})
+            ball = slope.ball(
+                {name: fraction_ball(Fraction(float(at))) for name, at in zip(NAMES, sample[k], strict=True)}
+            )
             if ball > Exact(found[1]).ball() or ball < Exact(found[0]).ball():
                 violations.append((str(slope), sample[k]))
         seen = float(values.max() - values.min())

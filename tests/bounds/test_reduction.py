@@ -10,7 +10,7 @@ from cdobs_cli.bounds.slopes import automatic
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.exact.parser import parse
-from cdobs_cli.plant import Interval
+from cdobs_cli.plant import Box, Interval
 
 NAMES = ("x", "y")
 
@@ -21,7 +21,15 @@ def region(low, high):
 
 @pytest.mark.parametrize(
     "text",
-    ["min(x, 1 - 2*x)", "max(x, 1 - 2*x)", "min(2*x - 1, -x)", "max(3*x, y)", "min(x, y) + max(x, 2*y)", "abs(x - 0.3)", "min(x, 0.25)"],
+    [
+        "min(x, 1 - 2*x)",
+        "max(x, 1 - 2*x)",
+        "min(2*x - 1, -x)",
+        "max(3*x, y)",
+        "min(x, y) + max(x, 2*y)",
+        "abs(x - 0.3)",
+        "min(x, 0.25)",
+    ],
 )
 def test_each_side_of_a_kink_has_its_own_branch(text):
     function = parse(text, frozenset(NAMES))
@@ -34,10 +42,14 @@ def test_each_side_of_a_kink_has_its_own_branch(text):
             point = {"x": fraction_ball(Fraction(i, 8)), "y": fraction_ball(Fraction(j, 8))}
             value = function.ball(point)
             inside = [
-                part for part in parts
-                if all(part.region.box[name].lower <= Fraction(k, 8) <= part.region.box[name].upper for name, k in (("x", i), ("y", j)))
+                part
+                for part in parts
+                if all(
+                    part.region.box[name].lower <= Fraction(k, 8) <= part.region.box[name].upper
+                    for name, k in (("x", i), ("y", j))
+                )
                 and all(w.ball(point) >= 0 for w in part.region.where)
-            ]  # fmt: skip
+            ]
             covered += bool(inside)
             for part in inside:
                 for form in part.forms:
@@ -59,9 +71,24 @@ def test_slopes_across_a_kink(text, low, high):
     found = automatic(slope, region("-2", "2"))
     assert found is not None
     reached = [
-        float(slope.ball({"x": fraction_ball(Fraction(k, 64) + Fraction(1, 1000)), "y": fraction_ball(Fraction(0))}).mid())
+        float(
+            slope.ball({"x": fraction_ball(Fraction(k, 64) + Fraction(1, 1000)), "y": fraction_ball(Fraction(0))}).mid()
+        )
         for k in range(-128, 127)
     ]
     assert float(found[0]) <= min(reached) and float(found[1]) >= max(reached)
     assert low - 0.05 <= float(found[0]) <= low + 0.05 + abs(low) * 0.02
     assert high - 0.05 - abs(high) * 0.02 <= float(found[1]) <= high + 0.05
+
+
+def test_a_region_over_the_names_of_an_expression_keeps_what_is_said_of_them_alone():
+    names = ("x", "y", "u")
+    where = (parse("1 - x - y", frozenset(names)), parse("2 - x - u", frozenset(names)))
+    whole = Region.made({"x": Interval(Exact(0), Exact(1)), "u": Interval(None, Exact(3))}, names, where)
+    part = whole.over(parse("x*y", frozenset(names)))
+    assert part.names == ("x", "y") and part.where == where[:1] and set(part.ends) == {"x"}
+    beside = part.beside(["d.0"], Box((Exact(-1),), (Exact("1/2"),)))
+    assert beside.names == ("x", "y", "d.0") and beside.where == where[:1]
+    assert beside.holds({"x": Fraction(1), "y": Fraction(0), "d.0": Fraction(1, 2)})
+    assert not beside.holds({"x": Fraction(1), "y": Fraction(0), "d.0": Fraction(51, 100)})
+    assert not beside.holds({"x": Fraction(1), "y": Fraction(1, 2), "d.0": Fraction(0)})

@@ -114,7 +114,9 @@ def test_van_der_pol_is_exact_on_a_box(a):
     _, found = resolve(make_plant(["x1", "x2"], phi, box=box, auto=[(1, 0), (1, 1)]))
     assert [Fraction(value) for value in found["2.1"]] == [-corner, corner]
     assert [Fraction(value) for value in found["2.2"]] == [end, Fraction("0.7")]
-    tight = make_plant(["x1", "x2"], phi, [["0", "0"], [str(-corner), str(end)]], [["0", "0"], [str(corner), "0.7"]], box)
+    tight = make_plant(
+        ["x1", "x2"], phi, [["0", "0"], [str(-corner), str(end)]], [["0", "0"], [str(corner), "0.7"]], box
+    )
     assert status(tight, "slopes.2.1") == status(tight, "slopes.2.2") == "proved"
 
 
@@ -206,14 +208,22 @@ def test_definedness_is_judged_on_the_typed_expression(phi, box, expected):
 
 
 def test_the_domain_of_an_epidemic_is_invariant_and_that_of_a_spring_is_not():
-    epidemic = make_plant(["S", "I"], ["-0.5*S*I", "0.5*S*I - 0.2*I"], box={"S": ("0", "1"), "I": ("0", "1")}, where=["1 - S - I"])
+    epidemic = make_plant(
+        ["S", "I"], ["-0.5*S*I", "0.5*S*I - 0.2*I"], box={"S": ("0", "1"), "I": ("0", "1")}, where=["1 - S - I"]
+    )
     assert status(epidemic, "domain_invariant") == "proved"
     spring = make_plant(["x", "v"], ["v", "-x"], box={"x": ("-1", "1"), "v": ("-1", "1")})
     assert status(spring, "domain_invariant") == "refuted"
 
 
 def test_nothing_is_proved_over_an_empty_domain():
-    empty = make_plant(["a", "b"], ["0", "a**2"], upper=[["0", "0"], ["1", "0"]], box={"a": ("0", "1"), "b": ("0", "1")}, where=["a - 2"])
+    empty = make_plant(
+        ["a", "b"],
+        ["0", "a**2"],
+        upper=[["0", "0"], ["1", "0"]],
+        box={"a": ("0", "1"), "b": ("0", "1")},
+        where=["a - 2"],
+    )
     assert status(empty) == "undecided"
 
 

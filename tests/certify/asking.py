@@ -28,7 +28,9 @@ def proves(inclusion: HybridInclusion, certificate: Certificate) -> bool:
     return proof(inclusion, certificate).holds
 
 
-def analyse_by(method: Any, inclusion: HybridInclusion, effort: int = 1, sigma: Fraction = AT_REST) -> Certificate | None:
+def analyse_by(
+    method: Any, inclusion: HybridInclusion, effort: int = 1, sigma: Fraction = AT_REST
+) -> Certificate | None:
     """The proved certificate that a method, or a rung of them, proposes."""
     return stored(method.propose(Question(inclusion, rate=sigma, effort=effort)))
 

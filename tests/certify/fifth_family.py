@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict
@@ -16,7 +16,7 @@ from cdobs_cli.exact.expression import ZERO, Expression, Variable
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.families.constant_gain import ConstantGain
 from cdobs_cli.fields import Rows
-from cdobs_cli.hybrid import HybridInclusion, Observer, corrected_copy
+from cdobs_cli.hybrid import ErrorMaps, Observer, PlantView, corrected_copy
 from cdobs_cli.plant import Plant
 
 
@@ -42,8 +42,8 @@ class Copy(ConstantGain):
     def gain_searches(self, question: Question) -> Sequence[GainSearch]:
         return (ImpulsiveGain(),)
 
-    def inclusion(self, plant: Plant, gain: Mapping[str, Any]) -> HybridInclusion:
-        return HybridInclusion(corrected_copy, plant, gain, plant.sampling, plant.slopes.quantities)
+    def error_maps(self, view: PlantView[Any]) -> ErrorMaps[Any]:
+        return corrected_copy(view)
 
     def observer(self, plant: Plant, design: Design) -> Observer:
         K: ExactMatrix = design.gain["K"]

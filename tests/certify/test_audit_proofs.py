@@ -59,7 +59,7 @@ def test_pathological_sampling_is_never_proved_and_is_refuted():
 
 
 def test_words_that_do_not_fill_the_period_refute_no_gain(monkeypatch):
-    """Switching times are rounded: a V(t) that lasts longer than the period, or runs backwards, is none of the class."""
+    """Switching times are rounded: a V(t) that outlasts the period, or runs backwards, is none of the class."""
     family, _ = planar_class(impulsive(canonical(["1", "0"], periodic("1.7131")), [["0"], ["0"]]))
     delta, ends = Fraction("1.7131"), (1, 1)
     cells = every_gain._Cells(family, delta, 0)

@@ -166,7 +166,9 @@ def test_monotone_in_the_slopes_and_the_same_in_other_units():
         bound = decimal_text(c / s * unit, 12)
 
         def at(T):
-            made = plant(chain, [[0, 0], ["-" + bound, 0]], [[0, 0], [bound, 0]], [[decimal_text(states[0], 12), 0]], periodic(T))
+            made = plant(
+                chain, [[0, 0], ["-" + bound, 0]], [[0, 0], [bound, 0]], [[decimal_text(states[0], 12), 0]], periodic(T)
+            )
             return impulsive(made, [["0"], ["0"]])
 
         return float(ImpulsiveGain().longest(Question(at(decimal_text(0.5 / unit, 6)))).law.T_max) * unit
@@ -212,7 +214,9 @@ def test_impulsive_jumps_from_period_zero():
     assert proves(nearly, analyse(nearly, 1))
     assert not proves(nearly, certificate)
     # A projection that is not diagonal: C = [1, 2], C K = I.
-    slanted = plant([[0, 1], ["-0.5", "-0.2"]], [[0, 0], ["-0.1", 0]], [[0, 0], ["0.1", 0]], [[1, 2]], aperiodic(0, "0.4"))
+    slanted = plant(
+        [[0, 1], ["-0.5", "-0.2"]], [[0, 0], ["-0.1", 0]], [[0, 0], ["0.1", 0]], [[1, 2]], aperiodic(0, "0.4")
+    )
     certificate = analyse(impulsive(slanted, [["0.2"], ["0.4"]]), 1)
     assert certificate is not None
     assert proves(impulsive(slanted, [["0.2"], ["0.4"]]), certificate)
@@ -238,7 +242,14 @@ def test_a_function_that_is_negative_on_what_the_jump_enlarges_is_none():
     law = aperiodic("0.5", "1")
     loop = impulsive(plant([[-1, 0], [0, 1]], [[0, 0]] * 2, [[0, 0]] * 2, [[0, 1]], law), [["0"], ["-1"]])
     P = [[[a, "0"], ["-1"]] for a in ("1", "1.25", "1.5")]
-    data = {"degree": "1", "elevated": "1", "pieces": ["1", "1"], "sigma": "0", "basis": [["1", "0"], ["0", "1"]], "P": P}
+    data = {
+        "degree": "1",
+        "elevated": "1",
+        "pieces": ["1", "1"],
+        "sigma": "0",
+        "basis": [["1", "0"], ["0", "1"]],
+        "P": P,
+    }
     assert not proves(loop, Certificate(Clock.name, law, data))
     stable = impulsive(plant([[-1, 0], [0, -1]], [[0, 0]] * 2, [[0, 0]] * 2, [[0, 1]], law), [["0"], ["1"]])
     data["P"] = [[[a, "0"], ["1"]] for a in ("1", "1.25", "1.5")]

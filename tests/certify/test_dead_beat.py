@@ -30,7 +30,13 @@ def test_a_sample_that_tells_the_state_erases_every_error(law):
 
 
 @pytest.mark.parametrize(
-    "K", [[[1, 0], [0, "0.999999"]], [["1", "1e-30"], [0, 1]], [["1 + (pi+1e-60) - pi", 0], [0, 1]], [[1, "1e-400"], [0, 1]]]
+    "K",
+    [
+        [[1, 0], [0, "0.999999"]],
+        [["1", "1e-30"], [0, 1]],
+        [["1 + (pi+1e-60) - pi", 0], [0, 1]],
+        [[1, "1e-400"], [0, 1]],
+    ],
 )
 def test_what_is_nearly_erased_is_not(K):
     assert analyse_by(DeadBeat, reset(K)) is None
@@ -69,7 +75,9 @@ def test_a_held_integrator_is_brought_to_rest():
 
 def test_a_series_that_does_not_end_is_not_cut_off():
     """1 + F T = 0 for edot = -e at T = 1: the first terms alone would erase the error."""
-    assert analyse(impulsive(plant([[-1]], [[0]], [[0]], [[1]], periodic(1)), [["0.5"]]), 0).method == SpectralRadius.name
+    assert (
+        analyse(impulsive(plant([[-1]], [[0]], [[0]], [[1]], periodic(1)), [["0.5"]]), 0).method == SpectralRadius.name
+    )
 
 
 def test_no_law_no_certificate():

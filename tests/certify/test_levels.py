@@ -12,8 +12,8 @@ from cdobs_cli.certify.levels import constant_level
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.certificate import Clock
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
-from cdobs_cli.families.lpv_zoh.observer import inclusion as held
-from cdobs_cli.families.reachability.observer import inclusion as impulsive
+from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold
+from cdobs_cli.families.reachability import Reachability
 from cdobs_cli.plant import Box
 from cdobs_cli.sampling import SamplingLaw
 
@@ -23,6 +23,8 @@ PLANT = replace(
     sampling=SamplingLaw("aperiodic", Exact("0.2"), Exact("0.5")),
 )
 START = Box((Exact("-0.3"), Exact("0.1")), (Exact("0.2"), Exact("0.4")))
+
+held, impulsive = LpvZeroOrderHold().inclusion, Reachability().inclusion
 
 
 def worst_met(inclusion, n: int) -> np.ndarray:
@@ -47,7 +49,8 @@ def worst_met(inclusion, n: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("make", "gain"), [(impulsive, {"K": ExactMatrix([["1"], ["1.5"]])}), (held, {"L": ExactMatrix([["1.8"], ["1.9"]])})]
+    ("make", "gain"),
+    [(impulsive, {"K": ExactMatrix([["1"], ["1.5"]])}), (held, {"L": ExactMatrix([["1.8"], ["1.9"]])})],
 )
 def test_no_error_passes_the_proved_transient(make, gain) -> None:
     asked = Question(make(PLANT, gain))
@@ -71,4 +74,6 @@ def test_the_largest_value_over_a_box_is_at_a_vertex() -> None:
     level = constant_level(ExactMatrix([["2", "-1"], ["-1", "3"]]))
     # At (-0.3, 0.4): 2 * 0.09 + 2 * 0.12 + 3 * 0.16; the inverse is [[3, 1], [1, 2]] / 5.
     assert abs(level.largest(START) - arb("0.9")) < 1e-12
-    assert [float(bound) for bound in level.bounds(START)] == pytest.approx([(0.9 * 3 / 5) ** 0.5, (0.9 * 2 / 5) ** 0.5])
+    assert [float(bound) for bound in level.bounds(START)] == pytest.approx(
+        [(0.9 * 3 / 5) ** 0.5, (0.9 * 2 / 5) ** 0.5]
+    )

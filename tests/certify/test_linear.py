@@ -7,7 +7,8 @@ from asking import longest, proves
 from example_inclusions import canonical, held, impulsive, periodic, plant
 
 from cdobs_cli.certify.bracket import smallest_refuted
-from cdobs_cli.certify.linear import _covers, _prove, stable_intervals
+from cdobs_cli.certify.cover import covered
+from cdobs_cli.certify.linear import _CELLS, _CLOSE, _falls, _prove, stable_interval, stable_intervals
 
 ZERO = [[0, 0], [0, 0]]
 
@@ -27,6 +28,8 @@ def test_an_oscillator_loses_and_regains_stability():
         assert float(interval.low) >= max(0.01, k * math.pi)
         for T in np.linspace(float(interval.low), float(interval.high), 50):
             assert abs(math.cos(T) - 1.2 * math.sin(T)) < 1
+    near = stable_interval(oscillator("3.5"), 3.5, 0.01, 8.0)
+    assert float(near.high) == pytest.approx(math.pi + turn, rel=3e-6) and float(near.low) > math.pi
 
 
 def test_linear_brackets_are_narrow():
@@ -49,9 +52,12 @@ def test_a_loop_that_never_converges_has_no_interval():
     assert longest(lambda T: unstable, "1", 0) is None
 
 
-@pytest.mark.parametrize(("low", "high"), [("2.9", "4.9"), ("2.5", "4.4"), ("3.3", "4.6"), ("0.5", "4.5"), ("1.5", "3")])
+@pytest.mark.parametrize(
+    ("low", "high"), [("2.9", "4.9"), ("2.5", "4.4"), ("3.3", "4.6"), ("0.5", "4.5"), ("1.5", "3")]
+)
 def test_a_cover_leaves_no_period_out(low, high):
     """Stable between pi and pi + 1.39: unstable before and after, though the middle may be stable."""
-    assert not _covers(oscillator("1"), Fraction(low), Fraction(high))
-    assert _prove(oscillator("1"), float(low), float(high)) is None
-    assert _covers(oscillator("1"), Fraction("3.2"), Fraction("4.5"))
+    falls = _falls(oscillator("1"))
+    assert not covered(falls, Fraction(low), Fraction(high), pieces=_CELLS)
+    assert _prove(oscillator("1"), float(low), float(high), _CLOSE, _CELLS) is None
+    assert covered(falls, Fraction("3.2"), Fraction("4.5"), pieces=_CELLS)

@@ -102,7 +102,10 @@ def test_no_random_loop_is_both_proved_and_refuted():
             assert largest_product(inclusion, rng, 60, 20) < 1
         if witness is not None:
             assert refutes(inclusion, witness)
-            assert all(inclusion.sampling.T_min.rational <= Fraction(t) <= inclusion.sampling.T_max.rational for t in witness.times)
+            assert all(
+                inclusion.sampling.T_min.rational <= Fraction(t) <= inclusion.sampling.T_max.rational
+                for t in witness.times
+            )
         proofs, refutations = proofs + (proved is not None), refutations + (witness is not None)
     assert proofs > 40 and refutations > 10
 
@@ -125,7 +128,9 @@ def test_a_certificate_speaks_for_its_own_loop_law_and_rate_only():
 
         law = inclusion.sampling
         assert not proved(law=replace(law, T_max=Exact("100")))
-        assert not proved(sigma="1e999999999") and not proved(P=[["1e999999999"]], vertices=[["1e999999999", "0"], ["0", "1"]])
+        assert not proved(sigma="1e999999999") and not proved(
+            P=[["1e999999999"]], vertices=[["1e999999999", "0"], ["0", "1"]]
+        )
         assert not proved(sigma="30") and not proved(sigma="-1") and not proved(sigma="x")
         assert not proved(law=replace(law, T_min=Exact("-1")))
         if certificate.method == CommonQuadratic.name:
@@ -139,7 +144,9 @@ def test_a_certificate_speaks_for_its_own_loop_law_and_rate_only():
             assert not proved(vertices=[*half, ["0", "0"]])
             # A corner pulled out of the polygon is mapped outside of what is left.
             for k in range(len(half)):
-                pulled = [[str(Fraction(x) * 3), str(Fraction(y) * 3)] if i == k else [x, y] for i, (x, y) in enumerate(half)]
+                pulled = [
+                    [str(Fraction(x) * 3), str(Fraction(y) * 3)] if i == k else [x, y] for i, (x, y) in enumerate(half)
+                ]
                 assert not proved(vertices=pulled)
     # The kept error must not be coupled with the rest from T_min = 0.
     inclusion, certificate = certificates()[4]
@@ -184,7 +191,9 @@ def test_slopes_that_vary_are_not_left_out():
     law = aperiodic("0.1", "0.3")
 
     def loop(up):
-        return impulsive(plant([[1, 0], [0, 1]], ZERO, [[up, 0], [0, 0]], [[1, 0], [0, 1]], law), [["0.5", 0], [0, "0.5"]])
+        return impulsive(
+            plant([[1, 0], [0, 1]], ZERO, [[up, 0], [0, 0]], [[1, 0], [0, 1]], law), [["0.5", 0], [0, "0.5"]]
+        )
 
     assert form(loop("0"), [["1", "0"], ["1"]]) and corners(loop("0"))
     assert not form(loop("9"), [["1", "0"], ["1"]]) and not corners(loop("9"))
@@ -245,7 +254,7 @@ def test_taylor_polynomials_hold_what_they_leave_out(size):
 
 
 def test_rates_are_those_of_the_slowest_word():
-    """edot = -e(t_k): e(t_k + s) = (1 - s) e, T_k <= 3/2. |1 - s| <= exp(-sigma s) up to sigma = ln 2 / 1.5 = 0.4621."""
+    """edot = -e(t_k): e(t_k + s) = (1 - s) e, T_k <= 3/2; |1 - s| <= exp(-sigma s) up to ln 2 / 1.5 = 0.4621."""
     loop = held(plant([[0]], [[0]], [[0]], [[1]], aperiodic(0, "1.5")), [["1"]])
     assert analyse(loop, 1, Fraction("0.4620")) is not None
     assert analyse(loop, 1, Fraction("0.4622")) is None

@@ -38,7 +38,9 @@ def words(inclusion, delta):
     for s in (first, second):
         s = min(Fraction(decimal_text(s, 12)), delta)
         arcs = switching(family, b, s, delta)
-        values = [tuple((slopes.upper if ends[j] else slopes.lower)[i, j] for i, j in inclusion.entries) for _, ends in arcs]
+        values = [
+            tuple((slopes.upper if ends[j] else slopes.lower)[i, j] for i, j in inclusion.entries) for _, ends in arcs
+        ]
         yield Word((tuple(Arc(Exact(length), v) for (length, _), v in zip(arcs, values, strict=True)),))
 
 
@@ -69,7 +71,7 @@ def test_random_canonical_pairs_are_bracketed_to_a_tenth_of_a_per_cent(seed):
 
 
 def test_unequal_slopes_and_a_reversed_chain():
-    """A = [[0, -2], [1/10, -1/5]], slopes in [-1/2, 3/10] and [-1/5, 2/5]: the clock certificate stays below the exact limit."""
+    """A = [[0, -2], [1/10, -1/5]], slopes in [-1/2, 3/10] and [-1/5, 2/5]: the clock stays below the limit."""
 
     def made(T, K_2="0"):
         A, lower, upper = [[0, -2], ["0.1", "-0.2"]], [[0, 0], ["-0.5", "-0.2"]], [[0, 0], ["0.3", "0.4"]]

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
 from example_inclusions import aperiodic, canonical, held, impulsive, periodic, plant
 from fifth_family import Copy
 from toy_method import MaximumNorm
@@ -57,7 +56,9 @@ def length(name: str) -> int:
 
 
 @pytest.mark.parametrize("objective", ["given_period", "max_period", "decay_rate"])
-def test_a_fifth_family_is_designed_proved_and_simulated(objective: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fifth_family_is_designed_proved_and_simulated(
+    objective: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert length("fifth_family.py") <= 100
     monkeypatch.setitem(FAMILIES, "copy", Copy)
     path = tmp_path / "copy.yaml"
@@ -83,7 +84,10 @@ def test_a_toy_method_is_a_rung_of_the_ladder(tmp_path: Path) -> None:
     # |J| = 0.1, mu = 0.3: T < ln(10) / 0.3 = 7.675; the clock certificate does better.
     toy, best = (float(made.bounds[name].proved or 0) for name in ("period_max.maximum_norm", "period_max"))
     assert 7.5 < toy < 7.6753 and toy < best
-    edited = [replace(one, data={**one.data, "mu": "0.2"}) if one.method == "maximum_norm" else one for one in design.certificates]
+    edited = [
+        replace(one, data={**one.data, "mu": "0.2"}) if one.method == "maximum_norm" else one
+        for one in design.certificates
+    ]
     again = card.certify(small, replace(design, certificates=tuple(edited)), 0)
     assert again.claim("maximum_norm").status == "undecided" and "period_max.maximum_norm" not in again.bounds
 
@@ -92,7 +96,9 @@ IDENTITY = [["1", 0], [0, "1"]]
 ZERO = [[0, 0], [0, 0]]
 LINEAR = plant([[0, 1], [-1, "-0.1"]], ZERO, ZERO, [[1, 0]], periodic("0.5"))
 SCALAR = plant([["0.3"]], [["-0.1"]], [["0.1"]], [["1"]], periodic("0.5"))
-COUPLED = plant([["-0.2", 1], [0, "-0.1"]], [["-0.1", 0], ["-0.3", 0]], [["0.1", 0], ["0.3", "0.1"]], [[1, 0]], periodic("0.4"))
+COUPLED = plant(
+    [["-0.2", 1], [0, "-0.1"]], [["-0.1", 0], ["-0.3", 0]], [["0.1", 0], ["0.3", "0.1"]], [[1, 0]], periodic("0.4")
+)
 PLANTS = {
     "linear": LINEAR, "scalar": SCALAR, "pendulum": canonical([1, 0], periodic("0.5")), "coupled": COUPLED,
     "two_outputs": plant([[0, 1], [0, 0]], ZERO, [[0, 0], ["0.5", 0]], IDENTITY, periodic("0.5")),
@@ -138,7 +144,11 @@ def test_every_method_on_every_small_plant(name: str, letter: str, question: Que
         proof = again.method.prove(question)
         assert proof.holds and again.method.covers.contains(question.law)
         worse = question.with_gain(
-            {letter: ExactMatrix([[-9 if i == 0 else 0 for _ in range(question.plant.p)] for i in range(question.plant.n)])}
+            {
+                letter: ExactMatrix(
+                    [[-9 if i == 0 else 0 for _ in range(question.plant.p)] for i in range(question.plant.n)]
+                )
+            }
         )
         if method.reach == "convergence":
             proofs.append(method.name)

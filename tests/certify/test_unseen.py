@@ -36,7 +36,12 @@ def oscillator(law, A=OSCILLATOR, C=((1, 0),)):
         (aperiodic("0.5", "1.5"), [[0, "pi"], ["-pi", 0]], [[1, 0]], "1"),
         (periodic("pi"), [["0.1", 1], [-1, "0.1"]], [[1, 0]], "pi"),  # it grows by exp(pi/10)
         (periodic("pi/2"), TWO, [[1, 0, 1, 0]], "pi/2"),  # exp(i T) and exp(3 i T) are conjugate
-        (periodic("2*pi"), [[0, 1, 0], [-1, 0, 0], [0, 0, 0]], [[1, 0, 1]], "2*pi"),  # a constant looks like a full turn
+        (
+            periodic("2*pi"),
+            [[0, 1, 0], [-1, 0, 0], [0, 0, 0]],
+            [[1, 0, 1]],
+            "2*pi",
+        ),  # a constant looks like a full turn
     ],
 )
 def test_pathological_sampling(law, A, C, T):
@@ -88,7 +93,9 @@ def test_states_that_never_show(law):
     # The rate of a pendulum is measured: at slope 0 its angle never shows.
     angle = unseen(plant([[0, 1], [0, 0]], [[0, 0], ["-0.3", 0]], [[0, 0], ["0.3", 0]], [[0, 1]], law))
     assert angle.values == (Exact(0),) and [float(x) for x in angle.direction] == [1, 0]
-    assert unseen(plant([[0, 1], [0, 0]], [[0, 0], ["0.1", 0]], [[0, 0], ["0.3", 0]], [[0, 1]], periodic("0.3"))) is None
+    assert (
+        unseen(plant([[0, 1], [0, 0]], [[0, 0], ["0.1", 0]], [[0, 0], ["0.3", 0]], [[0, 1]], periodic("0.3"))) is None
+    )
     spiral = unseen(plant([[1, 2], [-2, 1]], ZERO, ZERO, [[0, 0]], law))
     assert spiral.period is None
 

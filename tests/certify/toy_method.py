@@ -1,9 +1,10 @@
-"""A method that the tool does not know: one norm of the error, its growth between samples and its drop at each."""
+"""A method that the tool does not know: one norm of the error, what it grows by and what it falls by."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import reduce
 from typing import Any, ClassVar, Self
 
 from flint import arb
@@ -17,7 +18,7 @@ from cdobs_cli.exact.numbers import decimal_text
 
 @dataclass(frozen=True)
 class MaximumNorm(Method):
-    """|e| = max |e_i| grows at most by exp(mu T) between samples and falls by the factor |J| at each; mu >= 0 is stored."""
+    """|e| = max |e_i| grows by exp(mu T) at most between samples and falls by |J| at each; mu >= 0 is stored."""
 
     mu: str
 
@@ -50,11 +51,10 @@ def _rows(M: Matrix) -> arb:
 def _measure(A: Matrix) -> arb:
     """max_i (a_ii + sum_(j != i) |a_ij|), the logarithmic norm."""
     rows: list[list[Any]] = A.tolist()
-    return _most([arb(row[i]) + sum((abs(arb(v)) for j, v in enumerate(row) if j != i), arb(0)) for i, row in enumerate(rows)])
+    return _most(
+        [arb(row[i]) - abs(arb(row[i])) + sum((abs(arb(v)) for v in row), arb(0)) for i, row in enumerate(rows)]
+    )
 
 
 def _most(values: list[arb]) -> arb:
-    most = values[0]
-    for value in values[1:]:
-        most = most.max(value)
-    return most
+    return reduce(lambda a, b: a.max(b), values)

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cdobs_cli.exact.compiled import compile_floats
-from cdobs_cli.exact.expression import Expression, ExpressionError, Number, call
+from cdobs_cli.exact.expression import Expression, ExpressionError, Number, call, terms
 from cdobs_cli.exact.functions import BALL_FUNCTIONS
 from cdobs_cli.exact.language import LANGUAGE, Function
 from cdobs_cli.exact.parser import parse
@@ -42,12 +42,52 @@ def test_constant_arithmetic_is_exact(text: str, value: Fraction) -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "9**9**9", "__import__('os')", "x.real", "1_000", "0x10", "a", "sinn(x)", "(" * 500 + ")" * 500, "-" * 1000 + "1",
-        "1/0", "sin(1, 2)", "", "1e999999", "[x]", "lambda: 1", "1 if x else 2", "min(1, 2, 3)", "True", "1j", "'a'", "x == y",
-        "x @ y", "x; y", "x\ny", "exec('1')", "f(x)", "sin", "x**y", "x**1000", "sin(x=1)", "sin(*x)", "x" * 3000, "é", "nan", "inf",
-        "1" * 1100, "(0)**(-1)", "{x}", "x[0]", "~x", "not x", "x // y", "x % 2", "1" + "+1" * 900,
+        "9**9**9",
+        "__import__('os')",
+        "x.real",
+        "1_000",
+        "0x10",
+        "a",
+        "sinn(x)",
+        "(" * 500 + ")" * 500,
+        "-" * 1000 + "1",
+        "1/0",
+        "sin(1, 2)",
+        "",
+        "1e999999",
+        "[x]",
+        "lambda: 1",
+        "1 if x else 2",
+        "min(1, 2, 3)",
+        "True",
+        "1j",
+        "'a'",
+        "x == y",
+        "x @ y",
+        "x; y",
+        "x\ny",
+        "exec('1')",
+        "f(x)",
+        "sin",
+        "x**y",
+        "x**1000",
+        "sin(x=1)",
+        "sin(*x)",
+        "x" * 3000,
+        "é",
+        "nan",
+        "inf",
+        "1" * 1100,
+        "(0)**(-1)",
+        "{x}",
+        "x[0]",
+        "~x",
+        "not x",
+        "x // y",
+        "x % 2",
+        "1" + "+1" * 900,
     ],
-)  # fmt: skip
+)
 def test_everything_else_is_refused_quickly(text: str) -> None:
     start = time.perf_counter()
     with pytest.raises(ExpressionError):
@@ -82,12 +122,16 @@ def test_refusals_name_a_substitute_and_the_place(text: str, message: str, offse
 @pytest.mark.parametrize(
     ("text", "same"),
     [
-        ("ln(x)", "log(x)"), ("sat(x)", "sat(x, -1, 1)"),
-        ("monod(x, y)", "x/(y + x)"), ("contois(x, y, 2)", "x/(2*y + x)"),
-        ("x**1.852", "x**(463/250)"), ("x**(-0.148)", "x**(-37/250)"),
-        ("x**63.999999", "x**(63999999/1000000)"), ("x**1.5", "x**(3/2)"),
+        ("ln(x)", "log(x)"),
+        ("sat(x)", "sat(x, -1, 1)"),
+        ("monod(x, y)", "x/(y + x)"),
+        ("contois(x, y, 2)", "x/(2*y + x)"),
+        ("x**1.852", "x**(463/250)"),
+        ("x**(-0.148)", "x**(-37/250)"),
+        ("x**63.999999", "x**(63999999/1000000)"),
+        ("x**1.5", "x**(3/2)"),
     ],
-)  # fmt: skip
+)
 def test_what_is_short_for_something(text: str, same: str) -> None:
     assert parse(text, NAMES) == parse(same, NAMES) == parse(str(parse(text, NAMES)), NAMES)
 
@@ -99,10 +143,14 @@ def test_a_macro_hides_no_variable() -> None:
 @pytest.mark.parametrize(
     ("typed", "solution"),
     [
-        ("x**0.37", "z**(100/37)"), ("atan(2*x)", "tan(z)/2"), ("asin(x)", "sin(z)"), ("log10(x)", None),
-        ("x**0.01", None), ("(x + 1)**0.01", None),  # z**100 is no power that may be typed
+        ("x**0.37", "z**(100/37)"),
+        ("atan(2*x)", "tan(z)/2"),
+        ("asin(x)", "sin(z)"),
+        ("log10(x)", None),
+        ("x**0.01", None),
+        ("(x + 1)**0.01", None),  # z**100 is no power that may be typed
     ],
-)  # fmt: skip
+)
 def test_equations_solved_by_elimination(typed: str, solution: str | None) -> None:
     names = frozenset({"x", "z"})
     found = solve([parse(f"z - {typed}", names)], ["x"])
@@ -127,8 +175,16 @@ def test_any_text_is_read_or_refused(text: str) -> None:
 
 
 SAMPLES = [
-    "sin(x)*cos(y)", "x**3 - 2*x*y + 1/(1 + y**2)", "exp(-x**2)/(2 + sin(y))", "tanh(x + y)*sqrt(1 + x**2)", "log(3 + x)*cosh(y)",
-    "monod(1 + x**2, 2)", "contois(1 + x**2, 2 + y, 0.5)", "abs(x)*sat(y, -0.5, 0.7)", "max(x, y) + min(x, 0.2)", "x - (y - x) - (x*(y/3))",
+        "sin(x)*cos(y)",
+        "x**3 - 2*x*y + 1/(1 + y**2)",
+        "exp(-x**2)/(2 + sin(y))",
+        "tanh(x + y)*sqrt(1 + x**2)",
+        "log(3 + x)*cosh(y)",
+        "monod(1 + x**2, 2)",
+        "contois(1 + x**2, 2 + y, 0.5)",
+        "abs(x)*sat(y, -0.5, 0.7)",
+        "max(x, y) + min(x, 0.2)",
+        "x - (y - x) - (x*(y/3))",
     "tan(x/4)",
     "atan2(x, 2 + y)*log10(3 + x)", "asin(x*y)*(2 + y)**1.852", "sinh(x)*(2 + y)**(3/2)", "-(x - y)**2", "x/(y + 3)/2",
 ]  # fmt: skip
@@ -153,7 +209,9 @@ def test_floats_arrays_balls_and_text_agree(text: str) -> None:
 @pytest.mark.parametrize("text", SAMPLES)
 def test_derivatives_against_differences(text: str) -> None:
     expression = parse(text, NAMES)
-    value = compile_floats([expression, expression.derivative("x"), expression.derivative("y")], ["x", "y"], arrays=False)
+    value = compile_floats(
+        [expression, expression.derivative("x"), expression.derivative("y")], ["x", "y"], arrays=False
+    )
     rng = np.random.default_rng(2)
     for x, y in rng.uniform(-0.9, 0.9, (10, 2)):
         h = 1e-6
@@ -188,6 +246,18 @@ def test_undefined_is_not_finite() -> None:
 def test_constants_are_balls_not_floats() -> None:
     assert abs(float((parse("pi").ball({}) - arb.pi()).abs_upper())) < 1e-30
     assert float(parse("e**2").ball({}).mid()) == pytest.approx(math.e**2, rel=1e-15)
+
+
+def test_terms_of_a_sum_keep_their_signs_and_their_order() -> None:
+    total = parse("x - (y - 2) - -(x*y)", NAMES)
+    assert [str(term) for term in terms(total)] == ["x", "-y", "2", "x * y"]
+    assert simplify(sum(terms(total), Number(0)) - total) == Number(0)
+
+
+def test_nodes_are_replaced_and_what_is_constant_then_folds() -> None:
+    total = parse("sin(x)*2 + sin(x)", NAMES)
+    assert total.replaced({parse("sin(x)", NAMES): Number(3)}) == Number(9)
+    assert total.replaced({}) == total
 
 
 def test_no_evaluation_of_the_typed_text(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 
 import pytest
-from flint import arb
+from flint import arb, fmpq
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -13,7 +13,9 @@ from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, lower_text, upper_text
 
 
-@pytest.mark.parametrize("text", ["0.1", "-2e-4", "1/3", "sqrt(2)", "1e6", "123456789e10", "2*pi/3", "0", "-7/8", "1e-30"])
+@pytest.mark.parametrize(
+    "text", ["0.1", "-2e-4", "1/3", "sqrt(2)", "1e6", "123456789e10", "2*pi/3", "0", "-7/8", "1e-30"]
+)
 def test_text_reads_back_to_the_same_number(text: str) -> None:
     assert Exact(str(Exact(text))) == Exact(text)
 
@@ -25,6 +27,12 @@ def test_every_rational_reads_back(value: Fraction) -> None:
 
 def test_signs() -> None:
     assert [Exact(text).sign() for text in ("0", "-1e-300", "sqrt(2)", "1 - sqrt(2)")] == [0, -1, 1, -1]
+
+
+def test_a_scalar_is_the_rational_or_a_ball_round_the_number() -> None:
+    assert Exact("1/3").scalar == fmpq(1, 3)
+    root = Exact("sqrt(2)").scalar
+    assert isinstance(root, arb) and root * root - 2 < arb("1e-30") and (root * root).contains(2)
 
 
 def test_a_number_has_no_variables() -> None:

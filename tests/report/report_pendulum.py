@@ -88,15 +88,18 @@ def make_check() -> Check:
     witness = Witness("switching", "class", ("0.9", "0.8131"), (("1",), ("-1",)), "1.0002", ((1, 0),))
     return Check(
         (
-            Claim("slopes.2.1", "premise", "proved", "-1 <= d phi_2 / d theta <= 1", "declared slopes", True, "0.000001234"),
-            Claim("clock.0.6", "certificate", "proved", "V decreases along flows and jumps", "Dinh2014, (13)", False, "0.03129", "clock"),
-            Claim("convergence", "consequence", "proved", "The error converges for samples every 0.6 s", "Dinh2014, Theorem III.2",
-                  True, None, None, "clock.0.6"),
-            Claim("period.refuted", "consequence", "refuted", "Convergence at T = 1.7131", "Dinh2014, Section IV", False, "-2e-4",
-                  "bang-bang", None, witness),
+            Claim("slopes.2.1", "premise", "proved", "-1 <= d phi_2 / d theta <= 1", "declared slopes", True,
+                  "0.000001234"),
+            Claim("clock.0.6", "certificate", "proved", "V decreases along flows and jumps", "Dinh2014, (13)", False,
+                  "0.03129", "clock"),
+            Claim("convergence", "consequence", "proved", "The error converges for samples every 0.6 s",
+                  "Dinh2014, Theorem III.2", True, None, None, "clock.0.6"),
+            Claim("period.refuted", "consequence", "refuted", "Convergence at T = 1.7131", "Dinh2014, Section IV",
+                  False, "-2e-4", "bang-bang", None, witness),
             Claim("printed.set", "printed", "undecided", "The printed set | contains the box", "Dinh2014, (31)"),
             Claim("printed.gain", "printed", "refuted", "A + K C is Hurwitz", "Dinh2014, (32)", witness=Witness(
-                "vector", "class", data={"numbers": {"beta": ["1.4809", "1.4810"]}, "outside": [{"vertex": 1, "entry": [2, 2]}]})),
+                "vector", "class",
+                data={"numbers": {"beta": ["1.4809", "1.4810"]}, "outside": [{"vertex": 1, "entry": [2, 2]}]})),
             Claim("domain_invariant", "consequence", "undecided", "States stay in the domain", "the plant"),
         ),
         {
@@ -134,7 +137,8 @@ def make_report(
         ("verdict equals refuted", False, "it is proved"),
     )
     report = Report(
-        "reachability_pendulum", title, "specs/reachability_pendulum.yaml", make_plant(), Copying(), design or make_design(),
+        "reachability_pendulum", title, "specs/reachability_pendulum.yaml", make_plant(), Copying(),
+        design or make_design(),
         check, run, expectations=expectations, digests={"plant": "a" * 64, "design": "b" * 64},
     )  # fmt: skip
     report.__dict__["versions"] = {"cdobs": "0.1.0", "python": "3.11"}

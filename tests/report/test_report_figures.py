@@ -10,7 +10,7 @@ import sys
 
 import numpy as np
 import pytest
-from report_pendulum import Copying, make_check, make_design, make_plant, make_run
+from report_pendulum import make_check, make_plant, make_report, make_run
 
 from cdobs_cli.certificate import Bound
 from cdobs_cli.chart import Chart, Panel, Series
@@ -91,7 +91,7 @@ def test_axis_names() -> None:
 
 def test_many_runs_and_few_points() -> None:
     names = {f"figures/{name}.{end}" for name in ("states", "error") for end in ("svg", "png", "csv")}
-    assert set(figures_of_run(make_plant(), Copying(), make_design(), make_check(), make_run(30))) == names
+    assert set(figures_of_run(make_report(check=make_check(), run=make_run(30)))) == names
 
 
 def test_ladder() -> None:

@@ -14,8 +14,8 @@ from cdobs_cli.report.sections import _table
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(0.123456789, "0.12346"), (12345678.0, "1.2346e7"), (1e-9, "1e-9"), (0.0, "0"), (3, "3"), (None, "–"), ("word", "word"),
-     (float("inf"), "∞"), (float("nan"), "not a number"), (-2.5, "-2.5")],
+    [(0.123456789, "0.12346"), (12345678.0, "1.2346e7"), (1e-9, "1e-9"), (0.0, "0"), (3, "3"), (None, "–"),
+     ("word", "word"), (float("inf"), "∞"), (float("nan"), "not a number"), (-2.5, "-2.5")],
 )  # fmt: skip
 def test_number_text(value: float | int | str | None, text: str) -> None:
     assert number_text(value) == text

@@ -8,7 +8,8 @@ from cdobs_cli.report.references import bibliography, cited, parse_bibliography
 
 def test_entries_with_nested_braces() -> None:
     entries = parse_bibliography(
-        "@article{Doe2001,\n  author = {Jane {van} Doe and Li, Wei},\n  title  = {On {L}ipschitz {{things}}},\n  year   = {2001},\n}\n"
+        "@article{Doe2001,\n  author = {Jane {van} Doe and Li, Wei},\n"
+        "  title  = {On {L}ipschitz {{things}}},\n  year   = {2001},\n}\n"
         "\n@misc{Roe1999,\n  title = {B}\n}\n"
     )
     assert entries["Doe2001"].text == "Jane van Doe, Wei Li, On Lipschitz things, 2001."

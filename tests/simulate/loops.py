@@ -21,7 +21,8 @@ def read(text: str | float, names: Sequence[str]) -> Expression:
 
 
 def plant(
-    states: Sequence[str], A: Any, phi: Sequence[str] = (), C: Any = None, *, law: SamplingLaw | None = None, inputs: Sequence[Input] = (),
+    states: Sequence[str], A: Any, phi: Sequence[str] = (), C: Any = None, *, law: SamplingLaw | None = None,
+    inputs: Sequence[Input] = (),
     B: Any = None, **further: Any,
 ) -> Plant:  # fmt: skip
     n = len(states)
@@ -30,7 +31,8 @@ def plant(
     rows = tuple(read(row, names) for row in (phi or ["0"] * n))
     C = C or [[1] + [0] * (n - 1)]
     return Plant(
-        tuple(states), tuple(inputs), ExactMatrix(A), rows, None if B is None else ExactMatrix(B), ExactMatrix(C), Slopes(zero, zero),
+        tuple(states), tuple(inputs), ExactMatrix(A), rows, None if B is None else ExactMatrix(B), ExactMatrix(C),
+        Slopes(zero, zero),
         law or periodic("1"), **further,
     )  # fmt: skip
 

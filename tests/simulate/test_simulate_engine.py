@@ -71,7 +71,8 @@ def test_a_flow_that_jumps_at_samples_is_never_integrated_across_one(runs):
     model = plant(("x",), [[0]], law=periodic("0.3"))
     names = ["count", "area", "y.0"]
     observer = Observer(
-        ("count", "area"), (read("0", names), read("0", names)), (read("0", names), read("max(-1, min(1, 1e6*(1.5 - count)))", names)),
+        ("count", "area"), (read("0", names), read("0", names)),
+        (read("0", names), read("max(-1, min(1, 1e6*(1.5 - count)))", names)),
         (read("3 - count", names), Variable("area")), {"x_hat": (Variable("area"),)}, jump_at_start=False,
     )  # fmt: skip
     system = HybridSystem(model, observer)
@@ -331,7 +332,8 @@ def test_a_state_on_its_bounds_is_inside():
     model = plant(("x",), [["-1"]], law=periodic("0.1"))
     names = ["low", "up", "y.0"]
     observer = Observer(
-        ("low", "up"), (Variable("lower.x"), Variable("upper.x")), (read("-low/3 - 2*low/3", names), read("-0.1*up - 0.9*up", names)),
+        ("low", "up"), (Variable("lower.x"), Variable("upper.x")),
+        (read("-low/3 - 2*low/3", names), read("-0.1*up - 0.9*up", names)),
         (Variable("low"), Variable("up")), {"x_lower": (Variable("low"),), "x_upper": (Variable("up"),)},
     )  # fmt: skip
     run = simulate(HybridSystem(model, observer), plan("9", ["0.7"], initial_box=box(["0.7"], ["0.7"])), model.sampling)

@@ -57,7 +57,8 @@ def test_lie_coordinates_take_the_simulation_along(write):
             "  coordinates: {map: [a]}\n",
             [
                 "8:16: plant.coordinates.inverse: is required",
-                "8:22: plant.coordinates.map: one expression for each state is expected; got 1 entries; allowed: 2 entries",
+                "8:22: plant.coordinates.map: one expression for each state is expected; got 1 entries; "
+                "allowed: 2 entries",
             ],
         ),
         (

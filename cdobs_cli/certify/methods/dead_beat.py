@@ -48,7 +48,8 @@ class DeadBeat(Method):
 @dataclass(frozen=True)
 class EveryPeriod(Method):
     """A chain of integrators without slopes: F^n = 0, so exp(F T) has the eigenvalue 1 alone, and where (F, C) is
-    observable so is (exp(F T), C) for every T > 0: at every constant period some gain makes the error 0 after n samples.
+    observable so is (exp(F T), C) for every T > 0: at every constant period some gain makes the error 0 after n
+    samples.
     It holds no data. Loads no solver."""
 
     name: ClassVar[str] = "every_period"

@@ -10,7 +10,7 @@ from typing import ClassVar, Self
 
 from cdobs_cli.certify import search
 from cdobs_cli.certify.ball import has_spectral_radius_below
-from cdobs_cli.certify.linear import interval_of, is_linear, stable_intervals
+from cdobs_cli.certify.linear import is_linear, stable_interval
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question
 from cdobs_cli.certify.texts import rate_of
 from cdobs_cli.exact.matrix import Matrix
@@ -51,8 +51,7 @@ class SpectralRadius(Method):
     def longest(cls, question: Question) -> Self | None:
         """The end of the proved interval of periods that holds the question's own, or else of the first one."""
         T = question.law.T_max
-        intervals = stable_intervals(question.inclusion, float(T) / 1000, float(T) * 20)
-        chosen = interval_of(intervals, T) or (intervals[0] if intervals else None)
+        chosen = stable_interval(question.inclusion, float(T), float(T) / 1000, float(T) * 20)
         if chosen is None:
             return None
         if question.rate == 0:

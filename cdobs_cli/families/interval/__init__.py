@@ -70,7 +70,8 @@ class Interval(Family):
         return problems(self, plant, simulation)
 
     def given(self) -> Mapping[str, ExactMatrix | None]:
-        letters: dict[str, ExactMatrix | None] = {"S": self.gain.S if self.gain else None, "L": self.gain.L if self.gain else None}
+        S, L = (self.gain.S, self.gain.L) if self.gain else (None, None)
+        letters: dict[str, ExactMatrix | None] = {"S": S, "L": L}
         if self.feedback == "design":
             letters |= {"K_lower": None, "K_upper": None}
         elif self.feedback != "none":

@@ -10,72 +10,51 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cdobs_cli.certify.falsify import exponentials
-from cdobs_cli.certify.lmi import Program, diagonal, full
 from cdobs_cli.exact.numbers import ExactMatrix
-from cdobs_cli.families.interval.cone import Cone, ErrorSystem
+from cdobs_cli.families.interval.cone import Cone, rays_of
+from cdobs_cli.families.interval.errors import ErrorSystem
+from cdobs_cli.families.interval.hull import falling_weights
+from cdobs_cli.families.interval.parts import Array
 from cdobs_cli.sampling import SamplingLaw
 
-Array = NDArray[np.float64]
-
+C = TypeVar("C", bound=Cone)
 _PHASES, _PERIODS = 64, 24
 _SHARES = (0.99999, 0.999, 0.98, 0.9, 0.7)
 _DIGITS = 8
-_LARGEST_EXPONENT = 200.0
 _ROUNDING = 1e-10  # an entry of E(s) that small is rounding
 
 
-def error_maps(errors: ErrorSystem, times: Array) -> Array | None:
-    """E(s) for each s, shape (len(times), 2n, 2n); None where floats overflow."""
-    M, N1 = errors.M.floats, errors.N1.floats
-    size = len(M)
-    flow = np.block([[M, np.eye(size)], [np.zeros((size, 2 * size))]])
-    if not (np.all(np.isfinite(flow)) and np.all(np.isfinite(N1))) or np.abs(flow).sum(axis=1).max() * times.max() > _LARGEST_EXPONENT:
-        return None
-    parts = exponentials(flow[None] * times[:, None, None])
-    maps: Array = parts[:, :size, :size] + parts[:, :size, size:] @ N1
-    return maps if np.all(np.isfinite(maps)) else None
-
-
-def find_cone(errors: ErrorSystem, law: SamplingLaw, effort: int = 1) -> Cone | None:
-    """A cone that is proved to enclose the errors under the law, with the weights of its size where they are proved
-    too; None where none was found."""
-    for cone in likely_cones(errors, law):
-        if cone.proves_enclosure(errors, law, effort):
-            return _with_shrinking(errors, cone, law, effort)
-    return None
-
-
-def likely_cones(errors: ErrorSystem, law: SamplingLaw) -> Iterator[Cone]:
-    """Cones that floats find to hold the errors at some times, largest first."""
+def likely_cones(errors: ErrorSystem, law: SamplingLaw) -> Iterator[ExactMatrix]:
+    """Cones H that floats find to hold the errors at some times, largest first."""
     T = float(law.T_max)
     times = np.concatenate([[T * 1e-4], T * np.arange(1, _PHASES + 1) / _PHASES])
-    E = error_maps(errors, times)
-    rows = None if E is None else carried_rows(errors, E)
-    if rows is None or E is None:
+    maps = errors.maps(times)
+    rows = None if maps is None else carried_rows(errors, maps[0])
+    if rows is None or maps is None:
         return
     sampled = times >= float(law.T_min) * (1 - 1e-12)
     for share in _SHARES:
-        cone = Cone(ExactMatrix.from_floats(rows * np.where(rows > 0, share, 1.0), _DIGITS))
-        if cone.rays is None or (cone.H.floats @ errors.start.floats).min() < 0:
+        exact = ExactMatrix.from_floats(rows * np.where(rows > 0, share, 1.0), _DIGITS)
+        H, G = exact.floats, rays_of(exact)
+        if G is None or (H @ errors.start.floats).min() < 0:
             continue
-        after, H = E @ cone.rays.floats, cone.H.floats
+        after = maps[0] @ G.floats
         slack = _ROUNDING * np.abs(after).max()
         if after.min() >= -slack and (H @ after[sampled]).min() >= -slack * np.abs(H).max():
-            yield cone
+            yield exact
 
 
-def _with_shrinking(errors: ErrorSystem, cone: Cone, law: SamplingLaw, effort: int) -> Cone:
+def with_shrinking(errors: ErrorSystem, cone: C) -> C:
     """The cone with what proves the errors in it bounded, where that is found: u first, it needs no solver."""
     shrinking = replace(cone, unit=find_unit(errors))
-    if shrinking.proves_boundedness(errors, law, effort):
+    if shrinking.shrinks(errors):
         return shrinking
-    weighed = replace(cone, omega=find_weights(errors, cone, law))
-    return weighed if weighed.proves_boundedness(errors, law, effort) else cone
+    weighed = replace(cone, omega=find_weights(errors, cone))
+    return weighed if weighed.shrinks(errors) else cone
 
 
 def find_unit(errors: ErrorSystem) -> ExactMatrix | None:
@@ -110,29 +89,15 @@ def carried_rows(errors: ErrorSystem, E: Array) -> Array | None:
     return np.array(rows) if rows else None
 
 
-def find_weights(errors: ErrorSystem, cone: Cone, law: SamplingLaw) -> ExactMatrix | None:
-    """omega of `Cone.proves_boundedness`: a linear program over the rays and some periods, largest common rate."""
-    if cone.rays is None:
-        return None
-    G, n = cone.rays.floats, errors.size
-    low, high = float(law.T_min), float(law.T_max)
+def find_weights(errors: ErrorSystem, cone: Cone) -> ExactMatrix | None:
+    """omega of `Cone.shrinks`: a linear program over the rays and some periods, largest common rate."""
+    low, high = float(cone.law.T_min), float(cone.law.T_max)
     times = np.unique(np.linspace(max(low, high * 1e-3), high, _PERIODS))
-    E = error_maps(errors, times)
-    if E is None:
+    maps = errors.maps(times)
+    if maps is None or cone.rays is None:
         return None
-    slopes = [(E_s - np.eye(n)) @ G / s for s, E_s in zip(times, E, strict=True)]
+    G, identity = cone.rays.floats, np.eye(errors.size)
+    falls = [((identity - E_s) @ G).T / s for s, E_s in zip(times, maps[0], strict=True)]
     if low == 0:
-        slopes.append((errors.M.floats + errors.N1.floats) @ G)
-    program = Program({"w": diagonal(n), "t": full(1, 1)})
-    for slope in slopes:
-        scale = 1 / max(float(np.abs(slope).max()), 1e-12)
-        for column in slope.T * scale:
-            program.require(lambda x, c=column: (-np.diag(x["w"]) @ c - x["t"][0, 0]).reshape(1, 1))  # type: ignore[misc]
-    for i in range(n):
-        program.require(lambda x, i=i: (x["w"][i, i] - x["t"][0, 0]).reshape(1, 1))  # type: ignore[misc]
-    program.equate(lambda x: np.trace(x["w"]).reshape(1, 1) - n)
-    program.maximise(lambda x: x["t"])
-    solution = program.solve()
-    if not solution.values["t"][0, 0] > 0:
-        return None
-    return ExactMatrix.from_floats(np.diag(solution.values["w"]).reshape(-1, 1), _DIGITS)
+        falls.append(-((errors.M.floats + errors.N1.floats) @ G).T)
+    return falling_weights(falls, errors.size)

@@ -18,11 +18,9 @@ from flint import arb
 
 from cdobs_cli.certificate import Witness
 from cdobs_cli.exact.matrix import Matrix, block
-from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text, upper_text
-from cdobs_cli.families.interval.analysis import at_most
-from cdobs_cli.families.interval.cone import both_sides
-from cdobs_cli.families.interval.intersect import measured_rows
-from cdobs_cli.families.interval.theorems import Coordinates, coordinates, error_flow, error_held
+from cdobs_cli.exact.numbers import Exact, fraction_text, upper_text
+from cdobs_cli.families.interval.parts import both_sides, column, entries
+from cdobs_cli.families.interval.system import System
 from cdobs_cli.plant import Box, Plant
 from cdobs_cli.sampling import SamplingLaw
 
@@ -47,21 +45,18 @@ class Crossing:
     component: int
 
     def is_of(self, law: SamplingLaw) -> bool:
-        """Whether the law certainly allows these periods, and a last one as long as `after`."""
-        periods = all(at_most(law.T_min, T) and at_most(T, law.T_max) for T in self.periods)
-        return periods and all(T.sign() == 1 for T in (*self.periods, self.after)) and at_most(self.after, law.T_max)
-
-    def is_inside(self) -> bool:
-        """Whether x(0) is in its box."""
-        return all(low <= x <= high for low, x, high in zip(self.lower, self.state, self.upper, strict=True))
+        """Whether x(0) is in its box, and the law certainly allows these periods and a last one as long as `after`."""
+        inside = all(low <= x <= high for low, x, high in zip(self.lower, self.state, self.upper, strict=True))
+        periods = all(law.T_min.is_at_most(T) and T.is_at_most(law.T_max) for T in self.periods)
+        positive = all(T.sign() == 1 for T in (*self.periods, self.after))
+        return inside and periods and positive and self.after.is_at_most(law.T_max)
 
     def witness(self, plant: Plant, distance: arb) -> Witness:
         """As stored: decimal or rational strings, one row of `disturbance` and `noise` a sample."""
-        n = plant.n
-        bound = f"{'lower' if self.component < n else 'upper'} bound of {plant.states[self.component % n]}"
-        data: dict[str, Any] = {
-            "lower": [fraction_text(value) for value in self.lower], "upper": [fraction_text(value) for value in self.upper],
-            "state": [fraction_text(value) for value in self.state], "after": str(self.after), "bound": bound,
+        side = "lower" if self.component < plant.n else "upper"
+        box = {"lower": self.lower, "upper": self.upper, "state": self.state}
+        data: dict[str, Any] = {name: [fraction_text(value) for value in values] for name, values in box.items()} | {
+            "after": str(self.after), "bound": f"{side} bound of {plant.states[self.component % plant.n]}",
             "component": self.component, "distance": upper_text(distance),
             "disturbance": [list(map(str, chosen(plant.disturbance, low))) for low in self.low_d],
             "noise": [list(map(str, chosen(plant.noise, low))) for low in self.low_v],
@@ -76,65 +71,39 @@ def chosen(box: Box | None, low: tuple[bool, ...]) -> tuple[Exact, ...]:
     return tuple(a if is_low else b for a, b, is_low in zip(box.lower, box.upper, low, strict=True))
 
 
-def distance(plant: Plant, gain: Mapping[str, ExactMatrix], crossing: Crossing, *, cut: bool) -> arb:
-    """The distance of x from the bound at the end of the run, enclosed: negative where the bound has crossed it.
-
-    Args:
-        cut: whether measured rows of z are intersected with y at samples.
-    """
-    S = gain["S"].balls()
-    z = coordinates(plant.A.balls(), plant.C.balls(), S, S.inverse(), gain["L"].balls())
-    rows = measured_rows(plant.C.balls(), S) if cut else {}
-    box = [x - low for low, x in zip(crossing.lower, crossing.state, strict=True)]
-    box += [high - x for high, x in zip(crossing.upper, crossing.state, strict=True)]
-    e = both_sides(z.S) @ Matrix.from_rows([[value] for value in box])
+def distance(system: System, crossing: Crossing) -> arb:
+    """The distance of x from the bound at the end of the run, enclosed: negative where the bound has crossed it."""
+    z, errors = system.z, system.errors
+    below = [x - low for low, x in zip(crossing.lower, crossing.state, strict=True)]
+    above = [high - x for high, x in zip(crossing.upper, crossing.state, strict=True)]
+    e = errors.start @ column([*below, *above])
+    disturbance, noise = system.widths
     for length, low_d, low_v in zip((*crossing.periods, crossing.after), crossing.low_d, crossing.low_v, strict=True):
-        above_d, above_v = _distances(plant.disturbance, low_d, plant.n), _distances(plant.noise, low_v, plant.p)
-        # Noise enters z' as S L v, so its upper end is the distance of z_lower: the two ends are swapped.
-        b = both_sides(z.S) @ above_d + both_sides(z.SL) @ _swapped(above_v)
-        e = _advance(z, _cut(e, rows, above_v), b, length.ball())
+        # Noise enters z' as S L v, so its upper end is the distance of z_lower: its two ends are swapped.
+        below_v = _distances(noise, low_v, swapped=True)
+        b = errors.start @ _distances(disturbance, low_d, swapped=False) + both_sides(z.SL) @ below_v
+        e = errors.after(_cut(e, system.cut_rows, below_v), b, length.ball())
     return arb((both_sides(z.R) @ e)[crossing.component, 0])
 
 
-def _distances(box: Box | None, low: tuple[bool, ...], size: int) -> Matrix:
-    """(v - v_lower, v_upper - v) for v at the chosen ends, shape (2 size, 1)."""
-    if box is None:
-        return Matrix.zeros(2 * size, 1)
-    widths = [high - low for low, high in zip(box.lower, box.upper, strict=True)]
-    zero = Exact(0)
-    from_low = [zero if is_low else width for width, is_low in zip(widths, low, strict=True)]
-    from_high = [width if is_low else zero for width, is_low in zip(widths, low, strict=True)]
-    return ExactMatrix([[value] for value in (*from_low, *from_high)]).balls()
+def _distances(width: Matrix, low: tuple[bool, ...], *, swapped: bool) -> Matrix:
+    """(v - v_lower, v_upper - v) for v at the chosen ends, shape (2 size, 1); swapped: the other way round."""
+    ends = list(zip((row[0] for row in width.tolist()), low, strict=True))
+    from_low = column(value * (not is_low) for value, is_low in ends)
+    from_high = column(value * is_low for value, is_low in ends)
+    return block([[from_high], [from_low]] if swapped else [[from_low], [from_high]])
 
 
-def _swapped(v: Matrix) -> Matrix:
-    half = v.shape[0] // 2
-    swapped: Matrix = block([[v[half:, :]], [v[:half, :]]])
-    return swapped
-
-
-def _cut(e: Matrix, rows: Mapping[int, Matrix], above_v: Matrix) -> Matrix:
+def _cut(e: Matrix, rows: Mapping[int, Matrix], below_v: Matrix) -> Matrix:
     """e after measured rows of z were intersected with what y leaves: z_i - (G y - ..) at most."""
-    n = e.shape[0] // 2
-    values = [arb(e[i, 0]) for i in range(2 * n)]
+    n, values = e.shape[0] // 2, entries(e)
     for i, G in rows.items():
-        left = both_sides(G) @ _swapped(above_v)
-        values[i] = arb.min(values[i], arb(left[0, 0]))
-        values[n + i] = arb.min(values[n + i], arb(left[1, 0]))
-    return Matrix.from_rows([[value] for value in values])
+        left = entries(both_sides(G) @ below_v)
+        values[i], values[n + i] = arb.min(values[i], left[0]), arb.min(values[n + i], left[1])
+    return column(values)
 
 
-def _advance(z: Coordinates[Matrix], e: Matrix, b: Matrix, s: arb) -> Matrix:
-    """exp(M s) e + Gamma(s) (N1 e + b)."""
-    M, size = error_flow(z.Q0), e.shape[0]
-    flow = block([[M, error_held(z.Q1) @ e + b], [Matrix.zeros(1, size), Matrix.zeros(1, 1)]]).exp(s)
-    after: Matrix = (flow @ block([[e], [Matrix.identity(1)]]))[0:size, :]
-    return after
-
-
-def refutes(plant: Plant, gain: Mapping[str, ExactMatrix], crossing: Crossing, law: SamplingLaw, *, cut: bool) -> Witness | None:
+def refutes(system: System, crossing: Crossing, law: SamplingLaw) -> Witness | None:
     """The witness, where the crossing is proved and of the law."""
-    if not crossing.is_of(law) or not crossing.is_inside():
-        return None
-    found = distance(plant, gain, crossing, cut=cut)
-    return crossing.witness(plant, found) if found < 0 else None
+    reached = distance(system, crossing) if crossing.is_of(law) else arb(0)
+    return crossing.witness(system.plant, reached) if reached < 0 else None

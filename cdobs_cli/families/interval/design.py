@@ -9,23 +9,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from fractions import Fraction
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cdobs_cli.certify.falsify import exponentials
-from cdobs_cli.certify.sylvester import sylvester_rows
+from cdobs_cli.certify import search
+from cdobs_cli.certify.floats import exponentials
+from cdobs_cli.certify.sylvester import residual, sylvester_rows
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
-from cdobs_cli.families.interval.boundedness import final_width
+from cdobs_cli.families.interval.hurwitz import final_width
+from cdobs_cli.families.interval.parts import Array
+from cdobs_cli.families.interval.system import System
 from cdobs_cli.families.interval.theorems import Coordinates, coordinates, error_flow, width_matrix
-from cdobs_cli.plant import Box, Plant
-
-Array = NDArray[np.float64]
+from cdobs_cli.plant import Plant
 
 S_DIGITS, L_DIGITS = 7, (9, 12, 15)  # of L the fewest that keep the structure of Assumption 3
 _STRUCTURE = 1e-7
-_PHASES = 32
+_PHASES, _WIDTH = 32, Fraction(1, 40000)
 _TRIALS = 500  # of one climb, at effort 0
 _LARGEST_CONDITION = 1e7
 # Under `max_period`: the share of the largest injection that must still make Mtot Hurwitz, and the share used.
@@ -42,20 +42,9 @@ class Shape:
     S: Array
     R: Array
 
-    def injected(self, A: Array, C: Array, q: Array) -> Coordinates[Array]:
+    def injected(self, A: Array, C: Array, q: Array) -> Coordinates:
         """The coordinates with L = S^-1 [diag(q); 0]."""
-        return coordinates(A, C, self.S, self.R, self.gain(q))
-
-    def gain(self, q: Array) -> Array:
-        p = len(q)
-        return self.R @ np.vstack([np.diag(q), np.zeros((len(self.S) - p, p))])
-
-
-def box_widths(box: Box | None, size: int) -> Array:
-    """upper - lower of a declared box, zeros without one, shape (size, 1)."""
-    if box is None:
-        return np.zeros((size, 1))
-    return np.array([[float(high) - float(low)] for low, high in zip(box.lower, box.upper, strict=True)])
+        return coordinates(A, C, self.S, self.R, self.R[:, : len(q)] * q)
 
 
 @dataclass(frozen=True)
@@ -69,7 +58,7 @@ class Search:
 
     @staticmethod
     def of(plant: Plant) -> Search:
-        disturbance, noise = box_widths(plant.disturbance, plant.n), box_widths(plant.noise, plant.p)
+        disturbance, noise = (width.floats for width in System(plant, {}).widths)
         if not disturbance.any() and not noise.any():
             disturbance = np.ones((plant.n, 1))
         return Search(np.array(plant.A.floats), np.array(plant.C.floats), disturbance, noise)
@@ -117,40 +106,27 @@ class Search:
         return float(np.linalg.eigvals(width_matrix(z.Q0, z.Q1)).real.max())
 
     def width(self, shape: Shape, q: Array) -> float:
-        """Sum of the final widths of x; infinite where Mtot is not Hurwitz."""
+        """Sum of the final widths of x; Mtot is Hurwitz."""
         z = shape.injected(self.A, self.C, q)
-        Mtot = width_matrix(z.Q0, z.Q1)
-        if not np.linalg.eigvals(Mtot).real.max() < 0:
-            return np.inf
-        return float(np.sum(final_width(z, Mtot, self.disturbance, self.noise)))
+        return float(np.sum(final_width(z, width_matrix(z.Q0, z.Q1), self.disturbance, self.noise)))
 
     def longest(self, shape: Shape) -> float:
-        """The largest Tbar at which the reserve of the injection keeps Mtot Hurwitz, to 1e-4."""
+        """The largest Tbar at which the reserve of the injection keeps Mtot Hurwitz, nearly."""
 
-        def holds(T: float) -> bool:
-            q = self.largest_injection(shape, T)
-            return q is not None and self.abscissa(shape, RESERVE * q) < 0
+        def holds(T: Exact) -> bool | None:
+            q = self.largest_injection(shape, float(T))
+            return True if q is not None and self.abscissa(shape, RESERVE * q) < 0 else None
 
-        low, high = 0.0, 0.01 / self.scale
-        while holds(high) and high < 1e9:
-            low, high = high, 1.5 * high
-        while high - low > 1e-4 * high:
-            middle = (low + high) / 2
-            low, high = (middle, high) if holds(middle) else (low, middle)
-        return low
+        met = search.largest(holds, search.short(0.01 / self.scale), _WIDTH)
+        return 0.0 if met is None else float(met[0])
 
     def starts(self) -> list[Array]:
         """Where the climbs begin: rates around the scale of A, a factor apart; directions one output after another."""
-        n, p = len(self.A), len(self.C)
-        count = n - p
-        spread = 1.6 ** np.arange(count)
-        found = []
-        for factor in (0.4, 1.0, 3.0):
-            parameters = [np.log(factor * self.scale * spread)]
-            if p > 1:
-                parameters.append(np.array([[1.0 if k == i % p else 0.2 for k in range(p)] for i in range(count)]).reshape(-1))
-            found.append(np.concatenate(parameters))
-        return found
+        p = len(self.C)
+        count = len(self.A) - p
+        directions = np.where(np.arange(count)[:, None] % p == np.arange(p), 1.0, 0.2).ravel() if p > 1 else np.zeros(0)
+        rates = [np.log(factor * self.scale * 1.6 ** np.arange(count)) for factor in (0.4, 1.0, 3.0)]
+        return [np.concatenate([logarithms, directions]) for logarithms in rates]
 
     def longest_design(self, effort: int) -> tuple[Shape, Array] | None:
         """Shape and injection with the largest period found."""
@@ -159,12 +135,10 @@ class Search:
             shape = self.shape(parameters)
             return self.longest(shape) if shape is not None else -np.inf
 
-        best = climb(value, self.starts(), 0.5, effort)
-        shape = self.shape(best[0])
-        if shape is None or not best[1] > 0:
-            return None
-        q = self.largest_injection(shape, best[1])
-        return None if q is None else (shape, USED * q)
+        parameters, T = climb(value, self.starts(), 0.5, effort)
+        shape = self.shape(parameters) if T > 0 else None
+        q = self.largest_injection(shape, T) if shape is not None else None
+        return None if shape is None or q is None else (shape, USED * q)
 
     def design_at(self, Tbar: float, cost: Callable[[Shape, Array], float], effort: int) -> tuple[Shape, Array] | None:
         """Shape and injection of least cost among those positive up to Tbar with Mtot Hurwitz."""
@@ -183,7 +157,8 @@ class Search:
             abscissa = self.abscissa(*pair)
             return -1e30 * (1 + abscissa / self.scale) if abscissa >= 0 else -cost(*pair)
 
-        parameters, best = climb(value, [np.concatenate([start, np.full(p, 3.0)]) for start in self.starts()], 0.5, effort)
+        starts = [np.concatenate([start, np.full(p, 3.0)]) for start in self.starts()]
+        parameters, best = climb(value, starts, 0.5, effort)
         return split(parameters) if best > -1e30 else None
 
     def width_design(self, Tbar: float, effort: int) -> tuple[Shape, Array] | None:
@@ -239,7 +214,14 @@ def printed(plant: Plant, shape: Shape, q: Array) -> dict[str, ExactMatrix]:
 
 def clean(exact: ExactMatrix, floats: Array) -> ExactMatrix:
     """Entries that are rounding noise of the largest become 0."""
-    largest = float(np.abs(floats).max()) or 1.0
-    zero = Exact(0)
-    rows: list[list[Any]] = [[zero if abs(float(entry)) < 1e-13 * largest else entry for entry in row] for row in exact.rows]
-    return ExactMatrix(rows)
+    noise = 1e-13 * (float(np.abs(floats).max()) or 1.0)
+    return ExactMatrix([[0 if abs(float(entry)) < noise else entry for entry in row] for row in exact.rows])
+
+
+def residuals(system: System, rates: Array, directions: Array) -> tuple[float, float]:
+    """How well the printed T solves its equation, and the printed L its own, S L = [diag(q); 0]: both relative."""
+    p, plant, Q1 = system.plant.p, system.plant, system.floats.Q1
+    wanted = np.zeros_like(Q1)
+    wanted[:p, :p] = np.diag(np.diag(Q1)[:p])
+    solved = residual(plant.A.floats, plant.C.floats, system.gain["S"].floats[p:], rates, directions)
+    return solved, float(np.abs(Q1 - wanted).max()) / (float(np.abs(Q1).max()) or 1.0)

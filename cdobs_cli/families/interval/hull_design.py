@@ -10,54 +10,51 @@ is a Metzler matrix, and contraction in one weighted norm follows from its absci
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
-from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text
-from cdobs_cli.families.interval.design import S_DIGITS, Array, Search, climb
-from cdobs_cli.families.interval.hull import error_maps_at, find_hull, prove_hull
-from cdobs_cli.plant import Plant
+from cdobs_cli.certify import search
+from cdobs_cli.certify.methods.base import Question
+from cdobs_cli.exact.numbers import ExactMatrix
+from cdobs_cli.families.interval.design import S_DIGITS, Search, climb
+from cdobs_cli.families.interval.held import held_maps
+from cdobs_cli.families.interval.hull import Hull
+from cdobs_cli.families.interval.method import Gain
+from cdobs_cli.families.interval.parts import Array
+from cdobs_cli.families.interval.system import singular
 from cdobs_cli.sampling import SamplingLaw
 
-if TYPE_CHECKING:
-    from cdobs_cli.families.interval import Interval
-
-_GROWTH = (1.25, 1.08, 1.03)  # coarse to fine steps of the period under `max_period`
-_STEPS = 16
+_WIDTH, _DIGITS = Fraction(1, 30), 4
+_USED = 0.98  # share of a gain's longest period that is used: at the limit itself the radius takes for ever to settle
 _SHORTEST = 1e-3  # of the largest period: where the grid of the search begins
 _CONDITION = 1e5
+_BEFORE = "hull design"  # in the memory of a question: the entries of S and L found last
 
 
-def hull_design(
-    family: Interval, plant: Plant, search: Search, effort: int
-) -> tuple[dict[str, ExactMatrix], SamplingLaw, dict[str, Any]] | str:
+def hull_design(card: Question, searched: Search) -> tuple[Gain, SamplingLaw, dict[str, Any]] | str:
     """Gain, law and details for the objective; or why there is none.
 
-    `max_period` climbs from period to period while a contraction is found; the other objectives take the
+    `max_period` searches on from period to period while a contraction is found; the other objectives take the
     fastest contraction at the given one.
     """
-    law = plant.sampling
-    found = _at(plant, search, law, None, effort)
-    if found is None:
-        return f"no S and L were found for which the hull predictor contracts for periods up to {law.T_max}"
-    if family.objective == "max_period":
-        for factor in _GROWTH:
-            for _ in range(_STEPS):
-                longer = law.with_period(Exact(decimal_text(float(law.T_max) * factor, 4)))
-                better = _at(plant, search, longer, found[1], effort)
-                if better is None:
-                    break
-                found, law = better, longer
-    return found[0], law, {}
+    design = _at(card, searched)
+    if design is None:
+        return f"no S and L were found for which the hull predictor contracts for periods up to {card.law.T_max}"
+    if card.card.objective != "max_period":
+        return *design, {}
+    gain, law = search.longest(lambda T: _at(card.at(T), searched), card.law.T_max, _WIDTH, digits=_DIGITS) or design
+    hull = Hull.longest(card.with_gain(gain).under(law))
+    used = law if hull is None else law.with_period(search.short(_USED * float(hull.law.T_max), _DIGITS))
+    return gain, max(law, used, key=lambda one: float(one.T_max)), {}
 
 
-def _at(plant: Plant, search: Search, law: SamplingLaw, before: Array | None, effort: int) -> tuple[dict[str, ExactMatrix], Array] | None:
-    """Gain and parameters (entries of S, then of L) at one law, proved."""
-    n, p = plant.n, plant.p
-    high, low = float(law.T_max), float(law.T_min)
-    low = max(low, _SHORTEST * high)
-    periods = [high] if law.is_periodic else [low + (high - low) * k / 16 for k in range(17)]
+def _at(question: Question, searched: Search) -> tuple[Gain, SamplingLaw] | None:
+    """A gain at the question's law, proved."""
+    n, p, law, effort = question.plant.n, question.plant.p, question.law, question.effort
+    high = float(law.T_max)
+    periods = np.array([high]) if law.is_periodic else np.linspace(max(float(law.T_min), _SHORTEST * high), high, 17)
 
     def parts(parameters: Array) -> tuple[Array, Array] | None:
         S = parameters[: n * n].reshape(n, n)
@@ -68,39 +65,35 @@ def _at(plant: Plant, search: Search, law: SamplingLaw, before: Array | None, ef
 
     def value(parameters: Array) -> float:
         pair = parts(parameters)
-        errors = None if pair is None else error_maps_at(search.A, search.C, pair[0], pair[1], periods)
-        if errors is None:
+        maps = None if pair is None else held_maps(searched.A, -pair[1] @ searched.C, periods)
+        if pair is None or maps is None:
             return -np.inf
-        majorant = np.max([(np.abs(F) - np.eye(n)) / s for s, F in zip(periods, errors, strict=True)], axis=0)
+        moduli = np.abs(pair[0] @ maps @ np.linalg.inv(pair[0]))
+        majorant = np.max((moduli - np.eye(n)) / periods[:, None, None], axis=0)
         return -float(np.linalg.eigvals(majorant).real.max())
 
-    fresh = sorted(_starts(search, high, effort), key=value, reverse=True)[: 1 + (4 if n <= 2 else 1) * effort]
-    parameters, rate = fresh[0], -np.inf
-    for start in fresh if before is None else [before, *fresh]:
+    fresh = sorted(_starts(searched, high, effort), key=value, reverse=True)[: 1 + (4 if n <= 2 else 1) * effort]
+    for start in [*question.memory.get(_BEFORE, []), *fresh]:
         parameters, rate = climb(value, [start], 0.3, effort + 1)
         if rate > 0:
             break
     pair = parts(parameters)
     if pair is None or not rate > 0:
         return None
-    S, L = ExactMatrix.from_floats(pair[0], S_DIGITS), ExactMatrix.from_floats(pair[1], S_DIGITS)
-    w = find_hull(plant.A.floats, plant.C.floats, S.floats, L.floats, law)
-    try:
-        R = S.balls().inverse()
-    except ZeroDivisionError:
+    gain = {name: ExactMatrix.from_floats(floats, S_DIGITS) for name, floats in zip(("S", "L"), pair, strict=True)}
+    if singular(gain["S"]) is not None or Hull.propose(question.with_gain(gain)) is None:
         return None
-    if w is None or not prove_hull(plant.A.balls(), plant.C.balls(), S.balls(), R, L.balls(), w.balls(), law):
-        return None
-    return {"S": S, "L": L}, parameters
+    question.memory[_BEFORE] = [parameters]
+    return gain, law
 
 
-def _starts(search: Search, high: float, effort: int) -> Iterator[Array]:
+def _starts(searched: Search, high: float, effort: int) -> Iterator[Array]:
     """S from the Sylvester equation and at random (always the same), with injections of several strengths."""
-    n = len(search.A)
+    n = len(searched.A)
     random = np.random.default_rng(0)
-    shapes = [shape.S for shape in (search.shape(start) for start in search.starts()) if shape is not None]
+    shapes = [shape.S for shape in (searched.shape(start) for start in searched.starts()) if shape is not None]
     shapes += [random.normal(size=(n, n)) for _ in range(8 * (1 + effort))]
     for S in shapes:
         S = S / np.linalg.norm(S, axis=1, keepdims=True)
         for rate in (0.3 / high, 1 / high):
-            yield np.concatenate([S.reshape(-1), rate * np.linalg.pinv(search.C).reshape(-1)])
+            yield np.concatenate([S.reshape(-1), rate * np.linalg.pinv(searched.C).reshape(-1)])

@@ -12,13 +12,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import reduce
 
+import numpy as np
 from flint import arb
 
-from cdobs_cli.certificate import Witness
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix, block
-from cdobs_cli.exact.numbers import arb_fraction, fraction_text, upper_text
+from cdobs_cli.exact.numbers import arb_fraction
 
 TOLERANCE = Fraction(1, 2 * 10**7)
 _STEPS = 400
@@ -28,12 +29,11 @@ _LARGEST_EXPONENT = 200  # of exp(|M| s): the search for a sign change ends ther
 @dataclass(frozen=True)
 class PositivityLimit:
     """E >= 0 on [0, proved] (None: for ever), and E_jj(refuted) < 0 (None: no such s was found); `column` is
-    j, counted from 0, and `value` encloses E_jj(refuted)."""
+    j, counted from 0."""
 
     proved: Fraction | None
     refuted: Fraction | None
     column: int | None = None
-    value: arb | None = None
 
     def holds_until(self, T: arb) -> bool:
         """Whether E >= 0 on [0, T] is proved."""
@@ -42,16 +42,6 @@ class PositivityLimit:
     def fails_before(self, T: arb) -> bool:
         """Whether E has a negative entry somewhere on [0, T], proved."""
         return self.refuted is not None and bool(fraction_ball(self.refuted) <= T)
-
-    @property
-    def witness(self) -> Witness | None:
-        """The unit vector of errors that leaves the orthant, and when."""
-        if self.refuted is None or self.column is None or self.value is None:
-            return None
-        return Witness(
-            "vector", "plant", (fraction_text(self.refuted),), ((str(self.column),),), upper_text(self.value),
-            data={"component": self.column, "time": fraction_text(self.refuted), "value": upper_text(self.value)},
-        )  # fmt: skip
 
 
 def scalar_limit(m: arb, q: arb) -> arb | None:
@@ -79,15 +69,10 @@ def positivity_limit(M: Matrix, N1: Matrix, effort: int = 1) -> PositivityLimit:
         needed for positivity.
     """
     limits = [_column_limit(M, N1, j, effort) for j in range(M.shape[0]) if not arb(N1[j, j]) >= 0]
-    proved = [limit.proved for limit in limits if limit.proved is not None]
+    proved = min((limit.proved for limit in limits if limit.proved is not None), default=None)
     refuted = [limit for limit in limits if limit.refuted is not None]
-    first = min(refuted, key=lambda limit: limit.refuted or 0, default=None)
-    return PositivityLimit(
-        min(proved) if proved else None,
-        first.refuted if first else None,
-        first.column if first else None,
-        first.value if first else None,
-    )
+    first = min(refuted, key=lambda limit: limit.refuted or 0, default=PositivityLimit(None, None))
+    return PositivityLimit(proved, first.refuted, first.column)
 
 
 @dataclass(frozen=True)
@@ -105,9 +90,7 @@ class _Column:
         size = M.shape[0]
         flow = block([[M, N1[:, j]], [Matrix.zeros(1, size), Matrix.zeros(1, 1)]])
         start = Matrix.from_rows([[int(i == j)] for i in range(size)] + [[1]])
-        norm = arb(0)
-        for row in flow.balls().tolist():
-            norm = arb.max(norm, sum((abs(value) for value in row), arb(0)))
+        norm = reduce(arb.max, (sum((abs(value) for value in row), arb(0)) for row in flow.balls().tolist()))
         return _Column(flow, start, j, _related(M, N1, j), norm.upper())
 
     def at(self, s: Fraction) -> Matrix:
@@ -141,22 +124,10 @@ class _Column:
 def _related(M: Matrix, N1: Matrix, j: int) -> tuple[int, ...]:
     """Entries that column j reaches (others stay 0) and that reach entry j (others do not matter)."""
     size = M.shape[0]
-
-    def nonzero(value: object) -> bool:
-        return not arb(value).is_zero()
-
-    def closure(start: set[int], backward: bool) -> set[int]:
-        found, frontier = set(start), list(start)
-        while frontier:
-            k = frontier.pop()
-            for i in range(size):
-                if i not in found and nonzero(M[k, i] if backward else M[i, k]):
-                    found.add(i)
-                    frontier.append(i)
-        return found
-
-    forward = closure({j} | {i for i in range(size) if nonzero(N1[i, j])}, backward=False)
-    return tuple(sorted(forward & closure({j}, backward=True)))
+    fed = np.array([[i == k or not arb(M[i, k]).is_zero() for k in range(size)] for i in range(size)])
+    reached = np.linalg.matrix_power(fed.astype(float), size) > 0
+    start = [i for i in range(size) if i == j or not arb(N1[i, j]).is_zero()]
+    return tuple(i for i in range(size) if reached[i, start].any() and reached[j, i])
 
 
 def _column_limit(M: Matrix, N1: Matrix, j: int, effort: int) -> PositivityLimit:
@@ -178,7 +149,7 @@ def _column_limit(M: Matrix, N1: Matrix, j: int, effort: int) -> PositivityLimit
         if column.norm * fraction_ball(target) > _LARGEST_EXPONENT:
             break
         if column.is_positive_on(low, target):
-            low = _short(target, low, down=True)
+            low = _short(target, low)
             if high is None and column.grows_for_ever(low):
                 return PositivityLimit(None, None)
             step = step * Fraction(3, 2)
@@ -189,10 +160,10 @@ def _column_limit(M: Matrix, N1: Matrix, j: int, effort: int) -> PositivityLimit
             step = step / 2
     if high is None:
         return PositivityLimit(low, None)
-    return PositivityLimit(low, high, j, column.entry(high))
+    return PositivityLimit(low, high, j)
 
 
-def _short(value: Fraction, above: Fraction, *, down: bool) -> Fraction:
-    """A nearby dyadic with few bits, between `above` and `value`."""
+def _short(value: Fraction, above: Fraction) -> Fraction:
+    """A dyadic with few bits just below `value`, if it is `above`."""
     rounded = Fraction(int(value * 2**80), 2**80)
-    return rounded if down and above < rounded <= value else value
+    return rounded if above < rounded else value

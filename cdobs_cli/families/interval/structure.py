@@ -20,41 +20,36 @@ def problems(family: Interval, plant: Plant, simulation: SimulationPlan | None) 
     found: list[Problem] = []
     n, p, m = plant.n, plant.p, len(plant.inputs)
     if n > MAX_STATES:
-        found.append(Problem(("plant", "states"), "this observer is built for small plants", f"{n} states", f"at most {MAX_STATES}"))
+        why = "this observer is built for small plants"
+        found.append(Problem(("plant", "states"), why, f"{n} states", f"at most {MAX_STATES}"))
     if plant.sampling.is_updated:
-        found.append(
-            Problem(
-                ("measurement", "sampling", "updated"), "this observer does not choose its sampling instants",
-                allowed="{period: ..} or {min_period: .., max_period: ..}", hint="family updated_sampling does",
-            )
-        )  # fmt: skip
-    states = set(plant.states)
+        why, hint = "this observer does not choose its sampling instants", "family updated_sampling does"
+        allowed = "{period: ..} or {min_period: .., max_period: ..}"
+        found.append(Problem(("measurement", "sampling", "updated"), why, allowed=allowed, hint=hint))
     for i, phi in enumerate(plant.phi):
-        if states & phi.variables:
-            found.append(
-                Problem(
-                    ("plant", "phi", i), "this observer is for linear plants: phi may use the inputs only", str(phi), '"0"',
-                    "write linear terms into A, and bound a nonlinear one by plant.disturbance",
-                )
-            )  # fmt: skip
+        if phi.variables & set(plant.states):
+            why = "this observer is for linear plants: phi may use the inputs only"
+            hint = "write linear terms into A, and bound a nonlinear one by plant.disturbance"
+            found.append(Problem(("plant", "phi", i), why, str(phi), '"0"', hint))
     if family.gain is not None:
         found += _shape(("observer", "gain", "S"), family.gain.S, (n, n), "one row and one column per state")
         found += _shape(("observer", "gain", "L"), family.gain.L, (n, p), "one row per state, one column per output")
     if family.feedback != "none":
         if plant.B is None or m == 0:
-            found.append(Problem(("observer", "feedback"), "feedback needs plant.inputs and plant.B", hint="or feedback: none"))
+            why = "feedback needs plant.inputs and plant.B"
+            found.append(Problem(("observer", "feedback"), why, hint="or feedback: none"))
         elif family.feedback != "design":
             for name in ("K_lower", "K_upper"):
                 K: ExactMatrix = getattr(family.feedback, name)
                 found += _shape(("observer", "feedback", name), K, (m, n), "one row per input, one column per state")
     if simulation is not None and simulation.initial_box is None:
-        found.append(
-            Problem(("simulation", "initial_box"), "this observer starts from a known box of x(0)", "nothing", "{lower: [..], upper: [..]}")
-        )
+        why, allowed = "this observer starts from a known box of x(0)", "{lower: [..], upper: [..]}"
+        found.append(Problem(("simulation", "initial_box"), why, "nothing", allowed))
     return found
 
 
 def _shape(field: tuple[str, ...], matrix: ExactMatrix, wanted: tuple[int, int], why: str) -> list[Problem]:
     if matrix.shape == wanted:
         return []
-    return [Problem(field, f"{field[-1]} has {why}", f"{matrix.shape[0]} x {matrix.shape[1]}", f"{wanted[0]} x {wanted[1]}")]
+    (rows, columns), (height, width) = matrix.shape, wanted
+    return [Problem(field, f"{field[-1]} has {why}", f"{rows} x {columns}", f"{height} x {width}")]

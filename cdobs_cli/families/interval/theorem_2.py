@@ -8,60 +8,127 @@ already, no solution of the LMIs exists.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from types import SimpleNamespace
+from typing import Self
 
+import numpy as np
 from flint import arb
 
 from cdobs_cli.certificate import Witness
+from cdobs_cli.certify import search
+from cdobs_cli.certify.ball import frobenius
 from cdobs_cli.certify.definite import has_positive_pivots
+from cdobs_cli.certify.lmi import Program, full, symmetric
+from cdobs_cli.certify.methods.base import Proof, Question
 from cdobs_cli.exact.functions import fraction_ball, hull
-from cdobs_cli.exact.matrix import Matrix, block
+from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, lower_text, upper_text
-from cdobs_cli.families.interval.boundedness import DIGITS, symmetrised
+from cdobs_cli.families.interval.method import DIGITS, Part, between
+from cdobs_cli.families.interval.parts import Array, negative_part, positive_part, symmetrised
+from cdobs_cli.families.interval.system import System
 from cdobs_cli.families.interval.theorems import (
-    Coordinates,
-    Theorem2Unknowns,
-    feedback_flow,
-    feedback_held,
+    ObserverLoop,
     theorem_2_derivative,
     theorem_2_functional,
-    theorem_2_gain_limit,
 )
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+from cdobs_cli.sampling import SamplingLaw
 
 SYMMETRIC = ("P", "U")
+_NAMES = ("P", "U", "X", "X_1", "P_2", "P_3", "R", "Y_1", "Y_2")
+_MOST_STATES = 3  # beyond these it takes longer than it is worth
+_WIDTH = Fraction(1, 1000)
+_SLACK = 1e-6
 
 
 @dataclass(frozen=True)
-class ObserverLoop:
-    """zeta' = Phi_0 zeta + Phi_2 zeta(t_k) + Lambda y(t_k), zeta = (z_lower, z_upper). Source: Efimov2016, (17)"""
+class Theorem2(Part):
+    """A solution of Theorem 2's inequalities at the law's largest period, with gain gamma: P, U symmetric, the others
+    full, all (2n, 2n)."""
 
-    Phi_0: Any
-    Phi_2: Any
-    Lambda: Any
+    unknowns: dict[str, ExactMatrix]
+    gamma: str
+
+    name = "theorem_2"
+    rung = "theorem_2"
+    how = "Theorem 2"
+
+    @classmethod
+    def applies(cls, question: Question) -> bool:
+        feedback = "K_lower" in question.inclusion.gain
+        return feedback and question.plant.n <= _MOST_STATES and not System.of(question).structure
+
+    @classmethod
+    def propose(cls, question: Question) -> Self | None:
+        """The solution of nearly the least gamma at the law's largest period."""
+        T = question.law.T_max
+        law = SamplingLaw("aperiodic", T_max=T if T.rational is not None else search.short(float(T), 12))
+        solution = _least_gain(System.of(question).float_loop, float(law.T_max))
+        if solution is None:
+            return None
+        gamma, unknowns = solution
+        for factor in (1 + 1e-6, 1 + 1e-4, 1.01):
+            theorem = cls(law, unknowns, decimal_text(gamma * factor**0.5, 8)).proved(question)
+            if theorem is not None:
+                return theorem
+        return None
+
+    @classmethod
+    def longest(cls, question: Question) -> Self | None:
+        """The certificate of the longest period found where gamma is small enough."""
+        system, T = System.of(question), float(question.law.T_max)
+        limit = gain_limit(system)
+        if question.effort == 0 or refute_theorem_2(system.loop, limit) is not None:
+            return None
+        low, high = search.short(T / 50, 6), search.short(2 * T, 8)
+        return between(lambda period: cls._below(question.at(period), limit), low, high, _WIDTH)
+
+    @classmethod
+    def _below(cls, question: Question, limit: arb) -> Self | None:
+        theorem = cls.propose(question)
+        return theorem if theorem is not None and Exact(theorem.gamma).ball() < limit else None
+
+    def _prove(self, question: Question) -> Proof:
+        """The inequalities of Theorem 2 at Tbar, with gamma.
+
+        Source: Efimov2016, Theorem 2
+        """
+        loop, Tbar, gamma = System.of(question).loop, self.law.T_max.ball(), Exact(self.gamma).ball()
+        balls = {name: self.unknowns[name].balls() for name in _NAMES}
+        if not gamma > 0 or any(M.shape != loop.Phi_0.shape for M in balls.values()):
+            return Proof.of(False)
+        v = SimpleNamespace(**balls | {name: symmetrised(balls[name]) for name in SYMMETRIC})
+        corners = (-theorem_2_derivative(loop, v, gamma * gamma, Tbar, corner) for corner in (0, 1))
+        return Proof.of(all(has_positive_pivots(M) for M in (v.P, v.U, theorem_2_functional(v, Tbar), *corners)))
 
 
-def observer_loop(z: Coordinates[Any], SB: Any, K_lower: Any, K_upper: Any) -> ObserverLoop:
-    """The loop of the observer with feedback, in the arithmetic of its arguments.
+def _least_gain(loop: ObserverLoop, T: float) -> tuple[float, dict[str, ExactMatrix]] | None:
+    """gamma and the unknowns of nearly the least gain, by the solver."""
+    size = len(loop.Phi_0)
+    unknowns = {name: symmetric(size) if name in SYMMETRIC else full(size, size) for name in _NAMES}
+    program = Program({**unknowns, "g": full(1, 1)})
 
-    Source: Efimov2016, (17)
-    """
-    return ObserverLoop(feedback_flow(z.Q0), feedback_held(z.Q1, SB, K_lower, K_upper), block([[z.SL], [z.SL]]))
+    def derivative(x: Mapping[str, Array], corner: int) -> Array:
+        M = theorem_2_derivative(loop, SimpleNamespace(**x), x["g"][0, 0], T, corner)
+        margin: Array = -M - _SLACK * np.eye(len(M))
+        return margin
+
+    program.require(lambda x: theorem_2_functional(SimpleNamespace(**x), T) - _SLACK * np.eye(2 * size))
+    program.require(lambda x: derivative(x, 0))
+    program.require(lambda x: derivative(x, 1))
+    program.require(lambda x: x["P"] - _SLACK * np.eye(size))
+    program.require(lambda x: x["U"] - _SLACK * np.eye(size))
+    program.maximise(lambda x: -x["g"])
+    values = program.solve().values
+    gamma_squared = float(values["g"][0, 0])
+    if not 0 < gamma_squared < 1e12:
+        return None
+    return gamma_squared**0.5, {name: ExactMatrix.from_floats(values[name], DIGITS) for name in _NAMES}
 
 
 def spectral_norm(M: Matrix) -> arb:
     """The largest singular value, enclosed: a Rayleigh quotient from below, definiteness from above."""
-    import numpy as np
-
-    from cdobs_cli.certify.ball import frobenius
-
     gram = M.T @ M
     values, vectors = np.linalg.eigh(gram.floats)
     vector = Matrix.from_floats(vectors[:, [-1]])
@@ -75,89 +142,14 @@ def spectral_norm(M: Matrix) -> arb:
     return hull(lower.lower().sqrt().lower(), upper.upper().sqrt().upper())
 
 
-def gain_limit(z: Coordinates[Matrix], C: Matrix) -> arb:
-    """1 / (|C| mu), enclosed."""
-    return arb(theorem_2_gain_limit(spectral_norm(C), z.R, spectral_norm))
-
-
-@dataclass(frozen=True)
-class Theorem2:
-    """A solution of Theorem 2's inequalities with gain gamma."""
-
-    unknowns: Theorem2Unknowns[ExactMatrix]
-    gamma: Exact
-
-    def document(self) -> dict[str, Any]:
-        named = {field.name: getattr(self.unknowns, field.name).texts() for field in fields(self.unknowns)}
-        return {**named, "gamma": str(self.gamma)}
-
-    @staticmethod
-    def from_document(document: dict[str, Any]) -> Theorem2:
-        """Raises: KeyError, ValueError on what `document` did not write."""
-        named = {field.name: ExactMatrix(document[field.name]) for field in fields(Theorem2Unknowns)}
-        return Theorem2(Theorem2Unknowns(**named), Exact(document["gamma"]))
-
-
-def prove_theorem_2(loop: ObserverLoop, certificate: Theorem2, Tbar: arb) -> bool:
-    """Whether the inequalities of Theorem 2 are proved for the stored solution at Tbar, with its gamma.
+def gain_limit(system: System) -> arb:
+    """1 / (|C| mu) with mu = sqrt(2 (|R^+|^2 + |R^-|^2)), R = S^-1, enclosed.
 
     Source: Efimov2016, Theorem 2
     """
-    v = balls(certificate.unknowns)
-    if any(getattr(v, field.name).shape != loop.Phi_0.shape for field in fields(v)):
-        return False
-    gamma = certificate.gamma.ball()
-    if not gamma > 0:
-        return False
-    if not all(has_positive_pivots(M) for M in (v.P, v.U, theorem_2_functional(v, Tbar))):
-        return False
-    return all(
-        has_positive_pivots(-theorem_2_derivative(loop.Phi_0, loop.Phi_2, loop.Lambda, v, gamma * gamma, Tbar, corner)) for corner in (0, 1)
-    )
-
-
-def balls(v: Theorem2Unknowns[ExactMatrix]) -> Theorem2Unknowns[Matrix]:
-    """The stored unknowns in balls, P and U made symmetric."""
-    named = {field.name: getattr(v, field.name).balls() for field in fields(v)}
-    return Theorem2Unknowns(**{name: symmetrised(M) if name in SYMMETRIC else M for name, M in named.items()})
-
-
-def find_theorem_2(floats: ObserverLoop, exact: ObserverLoop, Tbar: Fraction) -> Theorem2 | None:
-    """A solution with nearly the least gamma, found by the solver and proved from its printed digits."""
-    import numpy as np
-
-    from cdobs_cli.certify.lmi import Program, full, symmetric
-
-    size, p = len(floats.Phi_0), floats.Lambda.shape[1]
-    T = float(Tbar)
-    kinds = {field.name: symmetric(size) if field.name in SYMMETRIC else full(size, size) for field in fields(Theorem2Unknowns)}
-    program = Program({**kinds, "g": full(1, 1)})
-
-    def unknowns(x: Mapping[str, Array]) -> Theorem2Unknowns[Array]:
-        return Theorem2Unknowns(**{name: x[name] for name in kinds})
-
-    def derivative(x: Mapping[str, Array], corner: int, slack: float) -> Array:
-        M = theorem_2_derivative(floats.Phi_0, floats.Phi_2, floats.Lambda, unknowns(x), x["g"][0, 0], T, corner)
-        result: Array = -M - slack * np.eye(len(M))
-        return result
-
-    slack = 1e-6
-    program.require(lambda x: theorem_2_functional(unknowns(x), T) - slack * np.eye(2 * size))
-    program.require(lambda x: derivative(x, 0, slack))
-    program.require(lambda x: derivative(x, 1, slack))
-    program.require(lambda x: x["P"] - slack * np.eye(size))
-    program.require(lambda x: x["U"] - slack * np.eye(size))
-    program.maximise(lambda x: -x["g"])
-    solution = program.solve()
-    gamma_squared = float(solution.values["g"][0, 0])
-    if not 0 < gamma_squared < 1e12 or p == 0:
-        return None
-    found = Theorem2Unknowns(**{name: ExactMatrix.from_floats(solution.values[name], DIGITS) for name in kinds})
-    for factor in (1 + 1e-6, 1 + 1e-4, 1.01):
-        certificate = Theorem2(found, Exact(decimal_text((gamma_squared * factor) ** 0.5, 8)))
-        if prove_theorem_2(exact, certificate, fraction_ball(Tbar)):
-            return certificate
-    return None
+    R = system.z.R
+    C, plus, minus = (spectral_norm(M) for M in (system.plant.C.balls(), positive_part(R), negative_part(R)))
+    return arb(1) / (C * ((plus * plus + minus * minus) * 2).sqrt())
 
 
 def refute_theorem_2(loop: ObserverLoop, limit: arb) -> Witness | None:
@@ -166,8 +158,6 @@ def refute_theorem_2(loop: ObserverLoop, limit: arb) -> Witness | None:
 
     Source: Efimov2016, Theorem 2
     """
-    import numpy as np
-
     try:
         static = (loop.Phi_0 + loop.Phi_2).solve(loop.Lambda)
     except ZeroDivisionError:

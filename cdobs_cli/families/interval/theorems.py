@@ -4,25 +4,34 @@
 
     edot = M e + N1 e(t_k) + b,  b >= 0,    M = [P N; N P],    N1 likewise from Q1
 
-What is exact and new to the paper stands in `positivity.py`, `boundedness.py` and `held_loop.py`.
+What is exact and new to the paper stands in `positivity.py`, `hurwitz.py` and `held_loop.py`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from functools import reduce
+from typing import Any, TypeAlias
 
+import numpy as np
 from flint import arb
 
 from cdobs_cli.exact.matrix import Matrix, block, symmetric
-from cdobs_cli.families.interval.parts import absolute, metzler_split, negative_part, off_diagonal_part, positive_part
+from cdobs_cli.families.interval.parts import (
+    absolute,
+    diagonal_part,
+    identity_like,
+    metzler_split,
+    off_diagonal_part,
+    positive_part,
+)
 
-M = TypeVar("M")
+M: TypeAlias = Any  # a numpy array or a Matrix, like the other arguments
 STRUCTURE_TOLERANCE = 1e-6  # what rounding a gain to short decimals may leave in a block that should be zero
 
 
 @dataclass(frozen=True)
-class Coordinates(Generic[M]):
+class Coordinates:
     """The plant in z = S x. Shapes: S, R = S^-1, Q0, Q1 (n, n); SL (n, p)."""
 
     S: M
@@ -32,18 +41,18 @@ class Coordinates(Generic[M]):
     SL: M
 
 
-def coordinates(A: M, C: M, S: M, R: M, L: M) -> Coordinates[M]:
+def coordinates(A: M, C: M, S: M, R: M, L: M) -> Coordinates:
     """Q0 = S A S^-1 and Q1 = -S L C S^-1, where R = S^-1.
 
     Source: Efimov2016, Assumption 3
     """
-    a, c, s, r, gain = A, C, S, R, L  # type: Any, Any, Any, Any, Any
-    SL = s @ gain
-    return Coordinates(S, R, s @ a @ r, -(SL @ c @ r), SL)
+    SL = S @ L
+    return Coordinates(S, R, S @ A @ R, -(SL @ C @ R), SL)
 
 
 def error_flow(Q0: M) -> M:
-    """M = [P N; N P] of the Metzler split of Q0: the flow of e = (z - z_lower, z_upper - z).
+    """M = [P N; N P] of the Metzler split of Q0: the flow of e = (z - z_lower, z_upper - z). Of Q1: N1, how e(t_k) acts
+    until the next sample; negative off-diagonal entries of Q1 couple the two bounds.
 
     Source: Efimov2016, (11), (12)
     """
@@ -51,12 +60,9 @@ def error_flow(Q0: M) -> M:
     return block([[P, N], [N, P]])
 
 
-def error_held(Q1: M) -> M:
-    """N1: how e(t_k) acts until the next sample; negative off-diagonal entries of Q1 couple the two bounds.
-
-    Source: Efimov2016, (11), (12)
-    """
-    return error_flow(Q1)
+def width_flow(Q: M) -> M:
+    """diag(Q) + |offdiag(Q)| = P + N: how the width z_upper - z_lower flows."""
+    return diagonal_part(Q) + absolute(off_diagonal_part(Q))
 
 
 def width_matrix(Q0: M, Q1: M) -> M:
@@ -65,11 +71,7 @@ def width_matrix(Q0: M, Q1: M) -> M:
 
     Source: Efimov2016, (12)
     """
-    total: Any = Q0
-    held: Any = Q1
-    P0: Any = total - off_diagonal_part(total) + absolute(off_diagonal_part(total))
-    P1: Any = held - off_diagonal_part(held) + absolute(off_diagonal_part(held))
-    return P0 + P1  # type: ignore[no-any-return]
+    return width_flow(Q0) + width_flow(Q1)
 
 
 def theorem_1_order(Q1: Matrix) -> int:
@@ -114,17 +116,12 @@ def theorem_1_positivity(Q0: Matrix, Q1: Matrix) -> tuple[arb, arb | None]:
         largest admissible Tbar, 1 / max_k (e q1_k - q0_k), not attained (None: not enclosed).
     Source: Efimov2016, Theorem 1
     """
-    e = arb.const_e()
-    gaps = []
-    for k in range(theorem_1_order(Q1)):
-        q0 = arb(positive_part(Q0)[k, k])
-        gaps.append(-arb(Q1[k, k]) * e - q0)
+    e, q0 = arb.const_e(), positive_part(Q0)
+    gaps = [-arb(Q1[k, k]) * e - arb(q0[k, k]) for k in range(theorem_1_order(Q1))]
     if not gaps:
         return arb(-1), None
-    least, largest = gaps[0], gaps[0]
-    for gap in gaps[1:]:
-        least, largest = arb.min(least, gap), arb.max(largest, gap)
-    return least, 1 / largest if largest > 0 else None
+    largest = reduce(arb.max, gaps)
+    return reduce(arb.min, gaps), 1 / largest if largest > 0 else None
 
 
 def paper_flow(Q0: M, Q1: M) -> tuple[M, M]:
@@ -136,18 +133,10 @@ def paper_flow(Q0: M, Q1: M) -> tuple[M, M]:
 
     Source: Efimov2016, Theorem 1, Phi_0
     """
-    order = theorem_1_order(Q1 if isinstance(Q1, Matrix) else Matrix.from_floats(Q1))  # type: ignore[arg-type]
-    n = Q0.shape[0]  # type: ignore[attr-defined]
-    P, N = metzler_split(Q0)
-    moduli: Any = absolute(Q0)
-    split: Any = P
-    split = split + N
+    order, n = theorem_1_order(Q1 if isinstance(Q1, Matrix) else Matrix.from_floats(Q1)), Q0.shape[0]
+    moduli, split = absolute(Q0), width_flow(Q0)
     rows = [[moduli[i, j] if i < order else split[i, j] for j in range(n)] for i in range(n)]
-    if isinstance(Q0, Matrix):
-        return Q0, Matrix.from_rows(rows)  # type: ignore[return-value]
-    import numpy as np
-
-    return Q0, np.array(rows)  # type: ignore[return-value]
+    return Q0, Matrix.from_rows(rows) if isinstance(Q0, Matrix) else np.array(rows)
 
 
 def lmi_15(Phi_0: M, Phi_1: M, P: M, W: M, tau: Any) -> M:
@@ -162,27 +151,9 @@ def lmi_15(Phi_0: M, Phi_1: M, P: M, W: M, tau: Any) -> M:
     Source: Efimov2016, Theorem 1, (15)
     Deviates: W here is Tbar^2 times the W of the functional printed below it.
     """
-    F0, F1, p, w = Phi_0, Phi_1, P, W  # type: Any, Any, Any, Any
-    Phi = F0 + F1
-    cross = p @ F1 * tau
-    slope = Phi.T @ w
-    held = F1.T @ w * tau
-    return block([[symmetric(p @ Phi), cross, slope], [cross.T, -w, held], [slope.T, held.T, -w]])  # type: ignore[no-any-return]
-
-
-@dataclass(frozen=True)
-class Theorem2Unknowns(Generic[M]):
-    """The unknowns of Theorem 2: P, U symmetric, the others full, all (2n, 2n)."""
-
-    P: M
-    U: M
-    X: M
-    X_1: M
-    P_2: M
-    P_3: M
-    R: M
-    Y_1: M
-    Y_2: M
+    Phi = Phi_0 + Phi_1
+    cross, slope, held = P @ Phi_1 * tau, Phi.T @ W, Phi_1.T @ W * tau
+    return block([[symmetric(P @ Phi), cross, slope], [cross.T, -W, held], [slope.T, held.T, -W]])
 
 
 def feedback_flow(Q0: M) -> M:
@@ -193,101 +164,79 @@ def feedback_flow(Q0: M) -> M:
         not split.
     """
     P, N = metzler_split(Q0)
-    minus: Any = N
-    loop: M = block([[P, -minus], [-minus, P]])
-    return loop
+    return block([[P, -N], [-N, P]])
 
 
-def feedback_held(Q1: M, SB: M, K_lower: M, K_upper: M) -> M:
-    """Phi_2 = Phi_1 + [SB; SB] [K_lower K_upper]: how zeta(t_k) acts until the next sample.
+@dataclass(frozen=True)
+class ObserverLoop:
+    """zeta' = Phi_0 zeta + Phi_2 zeta(t_k) + Lambda y(t_k), zeta = (z_lower, z_upper). Source: Efimov2016, (17)"""
+
+    Phi_0: M
+    Phi_2: M
+    Lambda: M
+
+
+def observer_loop(z: Coordinates, SB: M, K_lower: M, K_upper: M) -> ObserverLoop:
+    """Phi_2 = Phi_1 + [SB; SB] [K_lower K_upper] and Lambda = [S L; S L], in the arithmetic of the arguments.
 
     Source: Efimov2016, (17)
     """
-    q, sb, low, up = feedback_flow(Q1), SB, K_lower, K_upper  # type: Any, Any, Any, Any
-    return q + block([[sb @ low, sb @ up], [sb @ low, sb @ up]])  # type: ignore[no-any-return]
+    fed = [SB @ K_lower, SB @ K_upper]
+    return ObserverLoop(feedback_flow(z.Q0), feedback_flow(z.Q1) + block([fed, fed]), block([[z.SL], [z.SL]]))
 
 
-def theorem_2_functional(v: Theorem2Unknowns[M], Tbar: Any) -> M:
+def theorem_2_functional(v: Any, Tbar: Any) -> M:
     """The first matrix inequality of Theorem 2 (> 0): the functional is positive.
 
     Source: Efimov2016, Theorem 2
     """
-    P, X, X_1 = v.P, v.X, v.X_1  # type: Any, Any, Any
-    half = symmetric(X) * _half(Tbar)
-    cross = X_1 - X
-    return block([[P * (1 / Tbar) + half, cross], [cross.T, half - symmetric(X_1)]])  # type: ignore[no-any-return]
+    half, cross = symmetric(v.X) * _half(Tbar), v.X_1 - v.X
+    return block([[v.P * (1 / Tbar) + half, cross], [cross.T, half - symmetric(v.X_1)]])
 
 
-def theorem_2_derivative(Phi_0: M, Phi_2: M, Lambda: M, v: Theorem2Unknowns[M], gamma_squared: Any, Tbar: Any, corner: int) -> M:
+def theorem_2_derivative(loop: ObserverLoop, v: Any, gamma_squared: Any, Tbar: Any, corner: int) -> M:
     """The second inequality (< 0) at corner 0 (just after a sample) or 1 (just before the next), in the
     coordinates zeta, zeta', zeta(t_k) (and the mean of zeta' at corner 1), y:
 
         Vdot + |zeta(t_k)|^2 - gamma^2 |y|^2 < 0.
 
-    Args:
-        Lambda: [S L; S L], shape (2n, p).
     Source: Efimov2016, Theorem 2, Psi_0, Psi_1
     Deviates: the border of Psi_i is damaged in print; this is the Schur form it must have.
     """
-    F0, F2, Lam = Phi_0, Phi_2, Lambda  # type: Any, Any, Any
-    P, U, X, X_1, P_2, P_3, R, Y_1, Y_2 = v.P, v.U, v.X, v.X_1, v.P_2, v.P_3, v.R, v.Y_1, v.Y_2  # type: Any, Any, Any, Any, Any, Any, Any, Any, Any
+    F0, F2, Lambda = loop.Phi_0, loop.Phi_2, loop.Lambda
+    P, P_2, P_3, R, Y_1, Y_2 = v.P, v.P_2, v.P_3, v.R, v.Y_1, v.Y_2
+    Omega = {
+        (1, 1): symmetric(P_2.T @ F0 - Y_1), (1, 2): P - P_2.T + F0.T @ P_3 - Y_2, (1, 3): Y_1.T + P_2.T @ F2 - R,
+        (2, 2): -symmetric(P_3), (2, 3): Y_2.T + P_3.T @ F2, (3, 3): symmetric(R) + identity_like(P, P.shape[0]),
+    }  # fmt: skip
+    rows = held_derivative(Omega, v, Tbar, corner)
+    y = [P_2.T @ Lambda, P_3.T @ Lambda, *[P_2.T @ Lambda * 0] * (len(rows) - 2)]
+    last = [*(one.T for one in y), identity_like(P, Lambda.shape[1]) * -gamma_squared]
+    return block([*([*row, one] for row, one in zip(rows, y, strict=True)), last])
+
+
+def held_derivative(Omega: dict[tuple[int, int], Any], v: Any, Tbar: Any, corner: int) -> list[list[Any]]:
+    """The blocks of Vdot in (zeta, zeta', zeta(t_k)) at corner 0 or 1; there with the mean of zeta' since the sample.
+
+    Source: Efimov2016, Theorem 2, Psi_0, Psi_1
+    """
+    U, X, X_1, R, Y_1, Y_2 = v.U, v.X, v.X_1, v.R, v.Y_1, v.Y_2
     mean = symmetric(X) * _half(Tbar)
-    Omega_11 = symmetric(P_2.T @ F0 - Y_1)
-    Omega_12 = P - P_2.T + F0.T @ P_3 - Y_2
-    Omega_13 = Y_1.T + P_2.T @ F2 - R
-    Omega_22 = -symmetric(P_3)
-    Omega_23 = Y_2.T + P_3.T @ F2
-    Omega_33 = symmetric(R)
-    Pi = mean - symmetric(X_1)
-    A11, A12, A13 = Omega_11 - mean, Omega_12, Omega_13 + X - X_1
-    A22, A23, A33 = Omega_22, Omega_23, Omega_33 - Pi + _identity_like(P, P.shape[0])
-    disturbed = _identity_like(P, Lam.shape[1]) * -gamma_squared
-    y1, y2 = P_2.T @ Lam, P_3.T @ Lam
-    none = y1 * 0
+    A11, A12, A13 = Omega[1, 1] - mean, Omega[1, 2], Omega[1, 3] + X - X_1
+    A22, A23, A33 = Omega[2, 2], Omega[2, 3], Omega[3, 3] - mean + symmetric(X_1)
     if corner == 0:
         A12, A22, A23 = A12 + mean * Tbar, A22 + U * Tbar, A23 - (X - X_1) * Tbar
-        return block(  # type: ignore[no-any-return]
-            [[A11, A12, A13, y1], [A12.T, A22, A23, y2], [A13.T, A23.T, A33, none], [y1.T, y2.T, none.T, disturbed]]
-        )
-    m1, m2, m3, m4 = Y_1.T * Tbar, Y_2.T * Tbar, R.T * Tbar, -(U * Tbar)
-    return block(  # type: ignore[no-any-return]
-        [
-            [A11, A12, A13, m1, y1],
-            [A12.T, A22, A23, m2, y2],
-            [A13.T, A23.T, A33, m3, none],
-            [m1.T, m2.T, m3.T, m4, none],
-            [y1.T, y2.T, none.T, none.T, disturbed],
-        ]
-    )
-
-
-def theorem_2_gain_limit(C_norm: Any, R: M, norm: Any) -> Any:
-    """1 / (|C| mu) with mu = sqrt(2 (|R^+|^2 + |R^-|^2)), R = S^-1; `norm` gives the spectral norm.
-
-    Source: Efimov2016, Theorem 2
-    """
-    plus, minus = norm(positive_part(R)), norm(negative_part(R))
-    mu_squared = (plus * plus + minus * minus) * 2
-    return 1 / (C_norm * mu_squared ** _half(mu_squared))
+        return [[A11, A12, A13], [A12.T, A22, A23], [A13.T, A23.T, A33]]
+    m1, m2, m3 = Y_1.T * Tbar, Y_2.T * Tbar, R.T * Tbar
+    return [[A11, A12, A13, m1], [A12.T, A22, A23, m2], [A13.T, A23.T, A33, m3], [m1.T, m2.T, m3.T, -(U * Tbar)]]
 
 
 def _half(like: Any) -> Any:
     return arb(1) / 2 if isinstance(like, arb) else 0.5
 
 
-def _identity_like(example: Any, size: int) -> Any:
-    if isinstance(example, Matrix):
-        return Matrix.identity(size)
-    import numpy as np
-
-    return np.eye(size)
-
-
 def _slack(Q1: Matrix) -> arb:
-    largest = arb(0)
-    for row in Q1.tolist():
-        for value in row:
-            largest = arb.max(largest, abs(arb(value)))
+    largest = reduce(arb.max, (abs(arb(value)) for row in Q1.tolist() for value in row))
     return (largest * arb(STRUCTURE_TOLERANCE)).upper()
 
 

@@ -8,7 +8,7 @@ w = C (e - e(t_k)), P and U Lyapunov and Wirtinger matrices, Y = P L, sigma the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from cdobs_cli.certify.methods.rung import Rung
     from cdobs_cli.chart import Exhibits
     from cdobs_cli.design import Confinement, Design
-    from cdobs_cli.exact.numbers import ExactMatrix
-    from cdobs_cli.hybrid import HybridInclusion, Observer
+    from cdobs_cli.hybrid import ErrorMaps, Observer, PlantView
     from cdobs_cli.plant import Box, Plant
     from cdobs_cli.run import Run, SimulationPlan
 
@@ -71,10 +70,10 @@ class LpvZeroOrderHold(ConstantGain):
 
         return problems(self, plant)
 
-    def inclusion(self, plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
-        from cdobs_cli.families.lpv_zoh.observer import inclusion
+    def error_maps(self, view: PlantView[Any]) -> ErrorMaps[Any]:
+        from cdobs_cli.families.lpv_zoh.theorems import error_maps
 
-        return inclusion(plant, gain or self._nothing(plant))
+        return error_maps(view)
 
     def observer(self, plant: Plant, design: Design) -> Observer:
         from cdobs_cli.families.lpv_zoh.observer import observer

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from cdobs_cli.certificate import Check
 from cdobs_cli.chart import Chart, Exhibits, Panel, Role, Series, Table
 from cdobs_cli.design import Design
-from cdobs_cli.families.lpv_zoh.observer import INNOVATION, inclusion
+from cdobs_cli.families.lpv_zoh.observer import INNOVATION
 from cdobs_cli.plant import Plant
 from cdobs_cli.run import Run
 
@@ -16,8 +16,10 @@ if TYPE_CHECKING:
     from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold
 
 _NOTES = (
-    "The printed proof of Theorem 1 does not hold as it stands: V_2 with the lower limit t_k has no negative term in its "
-    "derivative, so the limit must be t - tau_max; alpha_1 should be mu / lambda_max(P) and beta divide by lambda_min(P); "
+    "The printed proof of Theorem 1 does not hold as it stands: V_2 with the lower limit t_k has no negative "
+    "term in its "
+    "derivative, so the limit must be t - tau_max; alpha_1 should be mu / lambda_max(P) and beta divide by "
+    "lambda_min(P); "
     "alpha is the smaller of alpha_1, alpha_2, and alpha_2 = (delta - 1) / (delta tau_max). "
     "Claims named theorem_1 test the conditions as printed; convergence never rests on them.",
 )
@@ -29,7 +31,7 @@ def exhibits(family: LpvZeroOrderHold, plant: Plant, design: Design, check: Chec
         return Exhibits()
     charts = [*_held_outputs(plant, run), *_curve(plant, design, check)]
     numbers = _numbers(family, plant, design)
-    return Exhibits(tuple(charts), (_radii(plant, design), *numbers), _NOTES if numbers else ())
+    return Exhibits(tuple(charts), (_radii(family, plant, design), *numbers), _NOTES if numbers else ())
 
 
 def _numbers(family: LpvZeroOrderHold, plant: Plant, design: Design) -> list[Table]:
@@ -42,7 +44,8 @@ def _numbers(family: LpvZeroOrderHold, plant: Plant, design: Design) -> list[Tab
         numbers = evaluate(data, scalar(design.sampling.T_max)).document()
         rows = tuple((name, low, high) for name, (low, high) in numbers.items())
         caption = (
-            f"Theorem 1 and Remark 2 of Boukal2020 as printed, {where}. delta is the least with beta < alpha_2; mu, alpha_2 and T_2 "
+            f"Theorem 1 and Remark 2 of Boukal2020 as printed, {where}. delta is the least with beta < alpha_2; "
+            f"mu, alpha_2 and T_2 "
             "are taken there, alpha_1 and T_1 at the mu of delta = 1, the most they can be."
         )
         tables.append(
@@ -75,7 +78,10 @@ def _held_outputs(plant: Plant, run: Run | None) -> list[Chart]:
         panels.append(
             Panel("time (s)", f"$r_{k + 1}(t_k)$", (Series("innovation", ends, _to_end(innovation), "steps", "other"),))
         )
-    caption = "Sampled outputs of the plant and of the observer, held between samples, and the innovation that drives the observer."
+    caption = (
+        "Sampled outputs of the plant and of the observer, held between samples, and the innovation that "
+        "drives the observer."
+    )
     return [Chart("held_outputs", "Held outputs", caption, tuple(panels))]
 
 
@@ -110,19 +116,22 @@ def _curve(plant: Plant, design: Design, check: Check | None) -> list[Chart]:
     if bound is not None and bound.refuted not in (None, "inf"):
         series.append(Series("this gain refuted", [float(bound.refuted or 0)], [0.0], "mark", "refuted"))
     law = "the sampling period" if plant.sampling.is_periodic else "the largest sampling period"
-    caption = f"The decay rate against {law}. Each point was proved when it was found; what `check` proves again is this design at its law."
+    caption = (
+        f"The decay rate against {law}. Each point was proved when it was found; what `check` proves "
+        f"again is this design at its law."
+    )
     return [
         Chart("period_rate", "Period against rate", caption, (Panel("period (s)", "proved rate (1/s)", tuple(series)),))
     ]
 
 
-def _radii(plant: Plant, design: Design) -> Table:
+def _radii(family: LpvZeroOrderHold, plant: Plant, design: Design) -> Table:
     """Spectral radii of the sampled error at constant slopes and the largest period."""
     import numpy as np
 
     from cdobs_cli.certify.floats import exponentials, spectral_radii
 
-    system = inclusion(replace(plant, sampling=design.sampling), design.gain)
+    system = family.inclusion(replace(plant, sampling=design.sampling), design.gain)
     maps = system.floats
     T = float(design.sampling.T_max)
     rows: list[tuple[Any, ...]] = []
@@ -132,7 +141,8 @@ def _radii(plant: Plant, design: Design) -> Table:
         rows.append((name, rho))
     return Table(
         "sampled_radii", "Spectral radius of the sampled error",
-        "At constant slopes and the largest period of the law; below 1 the error of that linear member of the class converges. "
+        "At constant slopes and the largest period of the law; below 1 the error of that linear member of the "
+        "class converges. "
         "Computed in floating point: an illustration, not a proof.",
         ("slopes", "spectral radius"), tuple(rows),
     )  # fmt: skip

@@ -79,7 +79,6 @@ class HeldGain(GainSearch):
                 return Candidate(L, question.law.with_period(T), float(T))
         raise NoDesignError(f"no rounded gain could be proved at periods up to {short(low)}")
 
-
     def nearest(self, question: Question) -> Candidate | None:
         try:
             return self.longest(question)
@@ -114,7 +113,9 @@ class PeriodClimb(GainSearch):
         def passes(L: ExactMatrix, T: float) -> bool:
             period = short(T)
             return (
-                self.rung.propose(about(question.at(period), L).with_rate(max(question.rate, rate_over(period, share))).afresh())
+                self.rung.propose(
+                    about(question.at(period), L).with_rate(max(question.rate, rate_over(period, share))).afresh()
+                )
                 is not None
             )
 

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ZERO, Variable
-from cdobs_cli.exact.numbers import ExactMatrix
-from cdobs_cli.families.lpv_zoh.theorems import error_maps
-from cdobs_cli.hybrid import HybridInclusion, Observer
+from cdobs_cli.hybrid import Observer
 from cdobs_cli.plant import Plant
 
 HAT = "hat."
@@ -40,11 +36,3 @@ def observer(plant: Plant, design: Design) -> Observer:
         estimates={"x_hat": tuple(Variable(name) for name in hat)},
         internals={name: Variable(name) for name in held},
     )
-
-
-def inclusion(plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
-    """The error system of the plant with gain L under the plant's sampling law.
-
-    Source: Boukal2020, (24)
-    """
-    return HybridInclusion(error_maps, plant, gain, plant.sampling, plant.slopes.quantities)

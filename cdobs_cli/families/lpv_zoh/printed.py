@@ -239,12 +239,14 @@ def claims(printed: Printed, tau_max: Exact, prefix: str, where: str) -> list[Cl
     status: Status = "proved" if mu_low > 0 else "refuted" if mu_high <= 0 else "undecided"
     claim(
         "lmi_26", status,
-        f"(26) holds {where} for some mu > 0, delta > 1: mu up to {data['mu_at_delta_1'][0]} as delta falls to 1", f"{SOURCE}, (26)",
+        f"(26) holds {where} for some mu > 0, delta > 1: mu up to {data['mu_at_delta_1'][0]} as delta falls to "
+        f"1", f"{SOURCE}, (26)",
         data["mu_at_delta_1"][0] if status == "proved" else data["mu_at_delta_1"][1],
     )  # fmt: skip
     claim(
         "side_conditions", side_conditions(printed, tau),
-        f"beta < min(alpha_1, alpha_2) for some delta > 1: beta = {data['beta'][0]}, alpha_1 = mu lambda_min(P) <= {data['alpha_1'][1]}",
+        f"beta < min(alpha_1, alpha_2) for some delta > 1: beta = {data['beta'][0]}, alpha_1 = mu lambda_min(P) "
+        f"<= {data['alpha_1'][1]}",
         SOURCE, upper_text(arb(numbers.alpha_1.high) - arb(numbers.beta.low), 9),
     )  # fmt: skip
     square = arb(tau * tau)
@@ -260,7 +262,8 @@ def claims(printed: Printed, tau_max: Exact, prefix: str, where: str) -> list[Cl
     mu_2, least = numbers.mu_2, 1 + numbers.beta.low / 2
     status = "proved" if arb(mu_2.low) > 0 else "refuted" if arb(printed.mu(tau, least).high) <= 0 else "undecided"
     claim(
-        "T_2", status, f"tau_max < T_2 for some delta that (26) allows: from delta = {upper_text(arb(numbers.delta_2), 7)} on",
+        "T_2", status, f"tau_max < T_2 for some delta that (26) allows: from delta = "
+        f"{upper_text(arb(numbers.delta_2), 7)} on",
         "Boukal2020, Remark 2, (40)", lower_text(arb(mu_2.low), 7) if status == "proved" else None,
     )  # fmt: skip
     return made

@@ -43,13 +43,16 @@ def problems(family: LpvZeroOrderHold, plant: Plant) -> list[Problem]:
         shape(("gain", "L"), family.gain.L, n, p)
     if family.method in ("repaired", "theorem_1") and not is_class_16(plant):
         found.append(
-            Problem(("observer", "method"), "Theorem 1 is for a chain of two or more integrators with slopes in the last row, "
-                    "measured at its first state", got=family.method, hint="method best, clock or wirtinger takes any plant")
+            Problem(("observer", "method"), "Theorem 1 is for a chain of two or more integrators with slopes in "
+            "the last row, "
+                    "measured at its first state", got=family.method, hint="method best, clock or wirtinger "
+                    "takes any plant")
         )  # fmt: skip
     if family.printed is not None:
         if not is_class_16(plant):
             found.append(
-                Problem(("observer", "printed"), "Theorem 1 is for a chain of two or more integrators with slopes in the last row, "
+                Problem(("observer", "printed"), "Theorem 1 is for a chain of two or more integrators with "
+                "slopes in the last row, "
                         "measured at its first state", hint="leave `printed` out")
             )  # fmt: skip
         shape(("printed", "P"), family.printed.P, n, n)

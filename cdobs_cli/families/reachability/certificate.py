@@ -168,15 +168,18 @@ class ReachableSet(Method):
         gap = None if part.rho_squared is None else lower_text(fraction_ball(1 - part.rho_squared), 6)
         claims = [
             Claim("set.contraction", "certificate", _status(part.holds),
-                  f"(13), {where}, holds at all {part.members} matrices of the set that matter: V shrinks by rho^2 < 1 over each period.",
+                  f"(13), {where}, holds at all {part.members} matrices of the set that matter: V shrinks by "
+                  f"rho^2 < 1 over each period.",
                   f"{SOURCE}, (13)", margin=gap, method=_PIVOTS)
         ]  # fmt: skip
         limit = set_limit(plant)
         if plant.slopes.uncertain and limit.is_finite():
             room = lower_text(limit - delta.ball(), 6) if part.in_time else None
             claims.append(
-                Claim("set.period", "premise", _status(part.in_time), f"delta = {delta} is at most delta_star, so the box (31) holds "
-                      "every reachable error.", "Dinh2014, Theorem III.2", margin=room, method="interval evaluation of the first zero")
+                Claim("set.period", "premise", _status(part.in_time), f"delta = {delta} is at most delta_star, "
+                f"so the box (31) holds "
+                      "every reachable error.", "Dinh2014, Theorem III.2", margin=room, method="interval "
+                      "evaluation of the first zero")
             )  # fmt: skip
         claims.append(inclusion_claim(question.card, plant, delta, part.inclusion and part.in_time))
         claims.append(
@@ -191,13 +194,15 @@ class ReachableSet(Method):
         kappa, eta = lower_text(fraction_ball(paper.kappa), 6), upper_text(fraction_ball(paper.eta), 6)
         return [
             Claim("set.constants", "certificate", "proved",
-                  f"With P recovered from the certificate: e'Pe shrinks by 1 - kappa over each period, kappa >= {kappa}, and grows "
+                  f"With P recovered from the certificate: e'Pe shrinks by 1 - kappa over each period, kappa >= "
+                  f"{kappa}, and grows "
                   f"at most at the rate eta <= {eta} between samples.",
                   "Dinh2014, proof of Theorem II.2, (14)", margin=kappa, method=_PIVOTS)
         ]  # fmt: skip
 
     def factor(self, question: Question) -> float | None:
-        """V after k periods is at most rho^(2k) V, and between samples |e| grows at most by exp(mu delta), mu the largest
+        """V after k periods is at most rho^(2k) V, and between samples |e| grows at most by exp(mu delta), mu the
+        largest
         logarithmic norm of A + V; twice that growth, as the first jump may come a period late."""
         plant, delta, rho_squared = question.plant, float(self.law.T_max), float(Fraction(self.rho_squared))
         if len(plant.slopes.quantities) > MAX_ENTRIES_OF_ETA or not 1e-12 < rho_squared < 1 or self.form != "reduced":

@@ -91,7 +91,8 @@ def reference_claims(plant: Plant, design: Design) -> list[Claim]:
     return [
         Claim(
             "continuous", "certificate", "proved" if proves_reference(plant, certificate) else "undecided",
-            "With y(t) measured all the time, one quadratic function serves every slope, so small periods are within reach "
+            "With y(t) measured all the time, one quadratic function serves every slope, so small periods are "
+            "within reach "
             "(Proposition II.1).", "Dinh2014, Theorem II.1, (6)",
         )
         for certificate in design.certificates if certificate.method == REFERENCE

@@ -51,7 +51,8 @@ def undetectable(plant: Plant) -> str | None:
                     f"{rho.text(plant.states)} = {value:g}" for value, rho in zip(v, view.quantities, strict=True)
                 )
                 return (
-                    f"(exp((A + V) delta), C) is not detectable at delta = {delta:g}{' with ' + where if where else ''}: "
+                    f"(exp((A + V) delta), C) is not detectable at delta = {delta:g}"
+                    f"{' with ' + where if where else ''}: "
                     f"no output sees the eigenvalue {_complex(complex(sampled[a]))}"
                 )
     return None

@@ -92,7 +92,10 @@ def _periods(family: Reachability, plant: Plant, design: Design, check: Check | 
     if not series:
         return []
     series.append(Series("this design", [1.0], [float(design.sampling.T_max)], "points", "measured"))
-    caption = "All slope bounds times a factor: up to which period the set of Theorem III.2 holds, and up to which it gives a gain."
+    caption = (
+        "All slope bounds times a factor: up to which period the set of Theorem III.2 holds, and up to "
+        "which it gives a gain."
+    )
     return [
         Chart(
             "feasible_period",

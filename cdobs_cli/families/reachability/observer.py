@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ZERO, Expression, Variable
-from cdobs_cli.exact.numbers import ExactMatrix
-from cdobs_cli.hybrid import HybridInclusion, Observer, corrected_copy
+from cdobs_cli.hybrid import Observer
 from cdobs_cli.plant import Plant
 
 PREFIX = "hat."
@@ -34,8 +31,3 @@ def observer(plant: Plant, design: Design) -> Observer:
         jump=tuple(jump),
         estimates={"x_hat": tuple(Variable(name) for name in hat)},
     )
-
-
-def inclusion(plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusion:
-    """The error system of the plant with gain K under the plant's sampling law."""
-    return HybridInclusion(corrected_copy, plant, gain, plant.sampling, plant.slopes.quantities)

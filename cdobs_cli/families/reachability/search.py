@@ -76,7 +76,8 @@ def members(boxes: tuple[IntervalMatrix, ...], kernel: Kernel) -> Members:
     C_scaled = C / s
     s_output = 1.0 / np.max(np.abs(C_scaled), axis=1, initial=1e-300) if len(C) else np.ones(0)
     return Members(
-        M=s[:, None] * M / s, C=C_scaled * s_output[:, None], R=s[others][:, None] * R / s, N=s[:, None] * N / s[others],
+        M=s[:, None] * M / s, C=C_scaled * s_output[:, None], R=s[others][:, None] * R / s, N=s[:, None] * N /
+        s[others],
         s=s, s_output=s_output, others=kernel.others,
     )  # fmt: skip
 

@@ -73,7 +73,9 @@ def gain_at(question: Question, *, fast: bool = False) -> Gain | None:
         K = space.gain(ExactMatrix.from_floats(Z, digits), digits + 2)
         Q = guess.Q if space.is_kept(K) else None
         certificate = certificate_at(question.with_gain({"K": K}), rounds=3 if fast else 0, Q=Q)
-        if certificate is not None and certificate.prove(question.with_gain({"K": K})).rate >= fraction_ball(question.rate):
+        if certificate is not None and certificate.prove(question.with_gain({"K": K})).rate >= fraction_ball(
+            question.rate
+        ):
             return K, certificate
     return None
 

@@ -47,13 +47,15 @@ def problems(family: Reachability, plant: Plant) -> list[Problem]:
     if family.set != "clarke":
         if family.method == "clock":
             found.append(
-                Problem((*observer, "set"), "method clock uses no set of matrices", allowed="method: best or method: set")
+                Problem((*observer, "set"), "method clock uses no set of matrices", allowed="method: best or "
+                "method: set")
             )  # fmt: skip
         for k, matrix in enumerate(family.set.matrices):
             if len(matrix) != n or any(len(row) != n for row in matrix):
                 lengths = ", ".join(str(len(row)) for row in matrix)
                 found.append(
-                    Problem((*observer, "set", "matrices", k), "a matrix of the set has one row and one column per state",
+                    Problem((*observer, "set", "matrices", k), "a matrix of the set has one row and one column "
+                    "per state",
                             got=f"rows of {lengths or 'nothing'}", allowed=f"{n} x {n}")
                 )  # fmt: skip
             for i, row in enumerate(matrix):
@@ -67,12 +69,19 @@ def problems(family: Reachability, plant: Plant) -> list[Problem]:
     if family.method == "set":
         if not (plant.sampling.is_periodic or plant.sampling.is_updated):
             found.append(
-                Problem(("measurement", "sampling"), "the set of matrices is built for one period", got="a range of periods",
-                        allowed="{period: ..}", hint="method best or clock takes a range")
-            )  # fmt: skip
+                Problem(
+                    ("measurement", "sampling"),
+                    "the set of matrices is built for one period",
+                    got="a range of periods",
+                    allowed="{period: ..}",
+                    hint="method best or clock takes a range",
+                )
+            )
         if not has_clarke_set(plant):
             found.append(
-                Problem((*observer, "method"), "the set is known for chains of integrators with slopes in the last row, and for "
-                        "upper triangular A and slopes", got="a plant of another structure", hint="method best or clock takes any plant")
+                Problem((*observer, "method"), "the set is known for chains of integrators with slopes in the "
+                "last row, and for "
+                        "upper triangular A and slopes", got="a plant of another structure", hint="method best "
+                        "or clock takes any plant")
             )  # fmt: skip
     return found

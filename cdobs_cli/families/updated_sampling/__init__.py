@@ -81,8 +81,8 @@ class UpdatedSampling(Family):
         return certify(self, plant, design, effort)
 
     def observer(self, plant: Plant, design: Design) -> Observer:
+        from cdobs_cli.families.updated_sampling.lipschitz import stored_rate
         from cdobs_cli.families.updated_sampling.observer import observer
-        from cdobs_cli.families.updated_sampling.synthesis import stored_rate
 
         return observer(plant, design, stored_rate(self, plant, design))
 

@@ -11,26 +11,24 @@ from fractions import Fraction
 from functools import lru_cache
 from itertools import pairwise
 from math import comb
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
 from flint import arb_mat, fmpq, fmpq_mat
+from numpy.typing import NDArray
 
-from cdobs_cli.certify.definite import has_positive_pivots
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.families.updated_sampling.theorems import (
     Chain,
     held,
+    is_definite,
     last_row_bound,
     sign_corners,
     theorem_2_prime_ii,
     transported,
 )
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 POINTS = 13
 _DEPTH = 12
@@ -39,8 +37,6 @@ _BATCH = 256
 
 def clock_points(alpha: float) -> Array:
     """Values of tau in [0, alpha], denser at the ends."""
-    import numpy as np
-
     points: Array = alpha * (1 - np.cos(np.pi * np.arange(POINTS) / (POINTS - 1))) / 2
     return points
 
@@ -48,15 +44,11 @@ def clock_points(alpha: float) -> Array:
 @lru_cache(maxsize=8)
 def corner_arrays(n: int) -> Array:
     """`sign_corners` as one array, shape (2^(2n - 1), n, n)."""
-    import numpy as np
-
     return np.array(list(sign_corners(n)), dtype=float)
 
 
 def growth_at(P: Array, corners: Array, tau: float) -> Array:
     """lambda_max(P(tau) G + G'P(tau), P(tau)) for each corner G, shape (corners,)."""
-    import numpy as np
-
     T = transported(Chain.floats(len(P)), corners, tau)
     inverse = np.linalg.inv(np.linalg.cholesky(P))
     S = P @ T
@@ -75,53 +67,33 @@ def largest_growth(P: Array, alpha: float, variant: str) -> float:
 
 def last_row_growth(P_tau: Array) -> tuple[float, float]:
     """(g, mu): the least over mu > 0 of lambda_max(P(tau) e_n e_n' P(tau) / mu + mu I, P(tau)), convex in mu."""
-    import numpy as np
-
     inverse = np.linalg.inv(np.linalg.cholesky(P_tau))
     column = inverse @ P_tau[:, [-1]]
     outer, ball = column @ column.T, inverse @ inverse.T
 
-    def g(log_mu: float) -> float:
-        mu = float(np.exp(log_mu))
-        return float(np.linalg.eigvalsh(outer / mu + ball * mu)[-1])
-
     middle = np.log(np.linalg.norm(column) / np.sqrt(np.linalg.norm(ball, 2)))
-    low, high, ratio = middle - 6.0, middle + 6.0, (5**0.5 - 1) / 2
-    a, b = high - ratio * (high - low), low + ratio * (high - low)
-    g_a, g_b = g(a), g(b)
+    low, high = middle - 6.0, middle + 6.0
     while high - low > 1e-7:
-        if g_a < g_b:
-            high, b, g_b = b, a, g_a
-            a = high - ratio * (high - low)
-            g_a = g(a)
-        else:
-            low, a, g_a = a, b, g_b
-            b = low + ratio * (high - low)
-            g_b = g(b)
-    return g((low + high) / 2), float(np.exp((low + high) / 2))
+        mu = float(np.exp((low + high) / 2))
+        v = np.linalg.eigh(outer / mu + ball * mu)[1][:, -1]
+        # A subgradient along log mu says on which side the least value is.
+        low, high = (low, np.log(mu)) if v @ ball @ v * mu > v @ outer @ v / mu else (np.log(mu), high)
+    mu = float(np.exp((low + high) / 2))
+    return float(np.linalg.eigvalsh(outer / mu + ball * mu)[-1]), mu
 
 
 @lru_cache(maxsize=16)
-def _to_bernstein(degree: int) -> tuple[tuple[Fraction, ...], ...]:
+def _to_bernstein(degree: int) -> tuple[tuple[fmpq, ...], ...]:
     """The map from values at k / degree to Bernstein coefficients on [0, 1], exact."""
-    if degree == 0:
-        return ((Fraction(1),),)
-    entries = [
-        fmpq(comb(degree, i) * k**i * (degree - k) ** (degree - i), degree**degree) for k in range(degree + 1) for i in range(degree + 1)
-    ]
-    inverse = fmpq_mat(degree + 1, degree + 1, entries).inv()
-    return tuple(tuple(Fraction(int(value.p), int(value.q)) for value in row) for row in inverse.tolist())
+    d, size = degree, degree + 1
+    entries = [fmpq(comb(d, i) * k**i * (d - k) ** (d - i), d**d) for k in range(size) for i in range(size)]
+    return tuple(map(tuple, fmpq_mat(size, size, entries).inv().tolist()))
 
 
 def _coefficients(values: list[Matrix]) -> list[Matrix]:
     """Bernstein coefficients of a matrix polynomial from its values at equidistant points."""
-    rows = []
-    for weights in _to_bernstein(len(values) - 1):
-        total = values[0] * weights[0]
-        for weight, value in zip(weights[1:], values[1:], strict=True):
-            total = total + value * weight
-        rows.append(total)
-    return rows
+    zero, rows = Matrix.zeros(*values[0].shape), _to_bernstein(len(values) - 1)
+    return [sum((value * weight for weight, value in zip(row, values, strict=True)), zero) for row in rows]
 
 
 def _halves(coefficients: list[Matrix]) -> tuple[list[Matrix], list[Matrix]]:
@@ -134,17 +106,17 @@ def _halves(coefficients: list[Matrix]) -> tuple[list[Matrix], list[Matrix]]:
     return left, right[::-1]
 
 
-def _positive_on(coefficients: list[Matrix], depth: int) -> bool:
-    if all(has_positive_pivots(one.balls()) for one in coefficients):
+def _positive_on(coefficients: list[Matrix], depth: int = _DEPTH) -> bool:
+    if is_definite(*coefficients):
         return True
-    if depth == 0 or not all(has_positive_pivots(one.balls()) for one in (coefficients[0], coefficients[-1])):
+    if depth == 0 or not is_definite(coefficients[0], coefficients[-1]):
         return False
     return all(_positive_on(half, depth - 1) for half in _halves(coefficients))
 
 
 def _nodes(alpha: Any, n: int) -> list[Any]:
     degree = 2 * (n - 1)
-    return [alpha * k / degree for k in range(degree + 1)] if degree else [alpha * 0]
+    return [alpha * k / max(degree, 1) for k in range(degree + 1)]
 
 
 def proves_ii(P: Matrix, alpha: Any, g: Any, variant: str) -> bool:
@@ -156,8 +128,8 @@ def proves_ii(P: Matrix, alpha: Any, g: Any, variant: str) -> bool:
     n = P.shape[0]
     chain = Chain.exact(n)
     if variant != "triangular":
-        return _last_row_on(chain, _coefficients([held(chain, P, tau) for tau in _nodes(alpha, n)]), g, _DEPTH)
-    return all(_positive_on(coefficients, _DEPTH) for coefficients in _corner_coefficients(chain, P, alpha, g))
+        return _last_row_on(chain, _coefficients([held(chain, P, tau) for tau in _nodes(alpha, n)]), g)
+    return all(_positive_on(coefficients) for coefficients in _corner_coefficients(chain, P, alpha, g))
 
 
 def _corner_coefficients(chain: Chain[Matrix], P: Matrix, alpha: Any, g: Any) -> Iterator[list[Matrix]]:
@@ -171,24 +143,22 @@ def _corner_coefficients(chain: Chain[Matrix], P: Matrix, alpha: Any, g: Any) ->
         unit = Matrix.from_rows([[int((a, b) == (i, j)) for b in range(n)] for a in range(n)])
         at_nodes = [theorem_2_prime_ii(P, transported(chain, unit, tau), 0) for tau in nodes]
         responses.append([value for one in _coefficients(at_nodes) for row in one.balls().tolist() for value in row])
-    count, size = len(nodes), n * n
-    linear = arb_mat(count * size, len(entries), [responses[k][row] for row in range(count * size) for k in range(len(entries))])
+    size = n * n
+    linear = arb_mat(len(responses[0]), len(entries), [value for row in zip(*responses, strict=True) for value in row])
     constant = (P * g).arb
     corners = list(sign_corners(n))
     for start in range(0, len(corners), _BATCH):
         chosen = corners[start : start + _BATCH]
         signs = arb_mat(len(entries), len(chosen), [G[i][j] for i, j in entries for G in chosen])
-        product = linear * signs
-        for k in range(len(chosen)):
-            yield [Matrix(constant + arb_mat(n, n, [product[node * size + entry, k] for entry in range(size)])) for node in range(count)]
+        for column in (linear * signs).transpose().tolist():
+            yield [Matrix(constant + arb_mat(n, n, column[k * size : (k + 1) * size])) for k in range(len(nodes))]
 
 
-def _last_row_on(chain: Chain[Matrix], coefficients: list[Matrix], g: Any, depth: int) -> bool:
+def _last_row_on(chain: Chain[Matrix], coefficients: list[Matrix], g: Any, depth: int = _DEPTH) -> bool:
     """(ii) for the last row on one piece, with the mu that is best in its middle."""
     left, right = _halves(coefficients)
     mu = Fraction(last_row_growth(left[-1].floats)[1]).limit_denominator(10**6)
-    unit = chain.identity[:, chain.n - 1]
-    one = Matrix.identity(1)
-    if mu > 0 and all(has_positive_pivots(last_row_bound(P, unit, chain.identity, g, mu, one).balls()) for P in coefficients):
+    unit, one = chain.identity[:, chain.n - 1], Matrix.identity(1)
+    if mu > 0 and is_definite(*(last_row_bound(P, unit, chain.identity, g, mu, one) for P in coefficients)):
         return True
     return depth > 0 and _last_row_on(chain, left, g, depth - 1) and _last_row_on(chain, right, g, depth - 1)

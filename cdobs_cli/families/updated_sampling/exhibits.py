@@ -4,13 +4,27 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from cdobs_cli.certificate import Check
-from cdobs_cli.chart import Chart, Exhibits, Panel, Series, Table
+from cdobs_cli.chart import Chart, Exhibits, Panel, Role, Series, Table
 from cdobs_cli.design import Design
 from cdobs_cli.plant import Plant
 from cdobs_cli.run import Run, Trajectory
 
 _TIME = "time (s)"
+_CAPTION = (
+    "No sampling period is shorter while c stays below its bound. "
+    "The last column is what the periods come down to for constant c."
+)  # fmt: skip
+_NOISE = (
+    "The theorems say nothing of noise, which the gain delta L K amplifies: "
+    "a smaller alpha trades accuracy for more samples."
+)  # fmt: skip
+_FOOTNOTE = (
+    "The footnote's a_2 >= 2 (N_1 + N_2) / (p_3 p_1) lacks a factor n: step 3 of the proof needs "
+    "2 n (N_1 + N_2) / (p_3 p_1), or n max(N_1, 2 N_2) / (p_3 p_1), which is what is used here."
+)
 
 
 def exhibits(plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
@@ -28,20 +42,20 @@ def exhibits(plant: Plant, design: Design, check: Check | None, run: Run | None)
 
 
 def _measured(plant: Plant, run: Trajectory) -> Chart:
-    panels = [Panel(_TIME, name, (Series(name, run.t, values, "line", "other"),)) for name, values in run.inputs.items()]
+    inputs = (_line(name, name, run, values) for name, values in run.inputs.items())
     state = plant.states[0]
-    output = (
-        Series(f"{state}(t)", run.t, run.x[:, 0], "line", "truth"),
-        Series("measured", run.t_k, run.y_k[:, 0], "points", "measured"),
-    )
-    panels.append(Panel(_TIME, state, output))
-    return Chart("inputs_and_measurements", "Inputs and measurements", "The known inputs, and the measurements at the instants "
-                 "that the observer asked for.", tuple(panels))  # fmt: skip
+    truth = Series(f"{state}(t)", run.t, run.x[:, 0], "line", "truth")
+    measured = Series("measured", run.t_k, run.y_k[:, 0], "points", "measured")
+    caption = "The known inputs, and the measurements at the instants that the observer asked for."
+    panels = (*inputs, Panel(_TIME, state, (truth, measured)))
+    return Chart("inputs_and_measurements", "Inputs and measurements", caption, panels)
+
+
+def _line(axis: str, name: str, run: Trajectory, values: Any, role: Role = "other") -> Panel:
+    return Panel(_TIME, axis, (Series(name, run.t, values, "line", role),))
 
 
 def _periods(run: Trajectory, check: Check | None) -> Chart:
-    import numpy as np
-
     delta = np.diff(run.t_k)
     series = [Series(r"$\delta_k$", run.t_k[1:], delta, "points", "measured")]
     bound = None if check is None else check.bounds.get("guaranteed_period")
@@ -50,15 +64,15 @@ def _periods(run: Trajectory, check: Check | None) -> Chart:
     if bound is not None and bound.proved is not None and float(bound.proved) > 0.02 * float(delta.max()):
         series.append(Series("guaranteed", [float(run.t_k[1])], [float(bound.proved)], "limit", "proved"))
         caption += " The line is the period that is guaranteed."
-    return Chart("sampling_periods", "Updated sampling periods", caption, (Panel(_TIME, r"$\delta_k$ (s)", tuple(series)),))
+    panel = Panel(_TIME, r"$\delta_k$ (s)", tuple(series))
+    return Chart("sampling_periods", "Updated sampling periods", caption, (panel,))
 
 
 def _gain(run: Trajectory) -> Chart:
-    panels = (
-        Panel(_TIME, "$L$", (Series("L(t)", run.t, run.internals["L"], "line", "estimate"),)),
-        Panel(_TIME, "$c$", (Series("c at the estimate", run.t, run.internals["c"], "line", "other"),)),
-    )
-    return Chart("high_gain", "High gain L", "The gain L(t) falls towards 1 at samples and rises with c(x_hat, u) in between.", panels)
+    L, c = run.internals["L"], run.internals["c"]
+    panels = (_line("$L$", "L(t)", run, L, "estimate"), _line("$c$", "c at the estimate", run, c))
+    caption = "The gain L(t) falls towards 1 at samples and rises with c(x_hat, u) in between."
+    return Chart("high_gain", "High gain L", caption, panels)
 
 
 def _tables(check: Check | None) -> list[Table]:
@@ -70,17 +84,10 @@ def _tables(check: Check | None) -> list[Table]:
         "guaranteed_period.constant": "constant period and gain, c known in advance",
     }
     rows: list[tuple[Any, ...]] = [(names[key], bound) for key, bound in check.bounds.items() if key in names]
-    caption = (
-        "No sampling period is shorter while c stays below its bound. The last column is what the periods come down to for constant c."
-    )
-    return [Table("guaranteed_periods", "Guaranteed sampling period", caption, ("bound", "at least (s)", "falls to (s)"), tuple(rows))]
+    columns = ("bound", "at least (s)", "falls to (s)")
+    return [Table("guaranteed_periods", "Guaranteed sampling period", _CAPTION, columns, tuple(rows))]
 
 
 def _notes(design: Design) -> tuple[str, ...]:
-    notes = ["The theorems say nothing of noise, which the gain delta L K amplifies: a smaller alpha trades accuracy for more samples."]
-    if any(certificate.method == "theorem_2" for certificate in design.certificates):
-        notes.append(
-            "The footnote's a_2 >= 2 (N_1 + N_2) / (p_3 p_1) lacks a factor n: step 3 of the proof needs 2 n (N_1 + N_2) / (p_3 p_1), "
-            "or n max(N_1, 2 N_2) / (p_3 p_1), which is what is used here."
-        )
-    return tuple(notes)
+    used = any(certificate.method == "theorem_2" for certificate in design.certificates)
+    return (_NOISE, _FOOTNOTE) if used else (_NOISE,)

@@ -9,24 +9,29 @@ those after i of x_hat. x and the saturated x_hat are in the box of the domain.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Literal
+from functools import reduce
+from typing import TYPE_CHECKING, Literal
 
 from flint import arb
 
 from cdobs_cli.bounds.bounded import TRIAL, bounded, least_bound
 from cdobs_cli.bounds.ranges import range_of
 from cdobs_cli.bounds.region import Region
-from cdobs_cli.certificate import Claim, Status
+from cdobs_cli.certificate import Claim
+from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ZERO, Expression, Number, Variable, call
 from cdobs_cli.exact.functions import fraction_ball
-from cdobs_cli.exact.numbers import Exact, upper_text
+from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, upper_text
 from cdobs_cli.exact.parser import parse
 from cdobs_cli.exact.rational import simplify
 from cdobs_cli.families.updated_sampling.separated import modulus_bound, separated
 from cdobs_cli.plant import Interval, Plant
+
+if TYPE_CHECKING:
+    from cdobs_cli.families.updated_sampling import UpdatedSampling
 
 HAT = "hat."
 BETWEEN = "between."
@@ -47,12 +52,22 @@ class Rate:
         return {"c": str(self.c), "largest": None if self.largest is None else str(self.largest), "origin": self.origin}
 
 
-def read_rate(document: Mapping[str, str | None], plant: Plant) -> Rate:
-    """What `Rate.document` wrote. Raises: ExpressionError, KeyError."""
-    names = frozenset((*plant.states, *(source.name for source in plant.inputs)))
-    largest = document["largest"]
-    origin: Origin = "typed" if document["origin"] == "typed" else "derived" if document["origin"] == "derived" else "constant"
-    return Rate(parse(str(document["c"]), names), None if largest is None else Exact(largest), origin)
+def rate_of(family: UpdatedSampling, plant: Plant) -> Rate:
+    """c(x_hat, u): typed, or derived from phi over the domain."""
+    return derive_rate(plant, family.variant) if family.c is None else typed_rate(plant, family.c)
+
+
+def stored_rate(family: UpdatedSampling, plant: Plant, design: Design) -> Rate:
+    """The c of a stored design, which `Rate.document` wrote; a typed c is that of the spec.
+
+    Raises: KeyError, ValueError, ExpressionError where there is none.
+    """
+    document = design.details["rate"]
+    c = parse(str(document["c"]), frozenset((*plant.states, *(source.name for source in plant.inputs))))
+    origin: Origin = document["origin"] if document["origin"] in ("typed", "derived") else "constant"
+    if (family.c is not None) != (origin == "typed") or (family.c is not None and family.c != c):
+        raise ValueError("its c(x_hat, u) is not that of the spec")
+    return Rate(c, None if document["largest"] is None else Exact(document["largest"]), origin)
 
 
 def met_entries(plant: Plant) -> tuple[tuple[int, int], ...]:
@@ -61,9 +76,8 @@ def met_entries(plant: Plant) -> tuple[tuple[int, int], ...]:
     entries, n = plant.slopes.entries, plant.n
     if not plant.domain.where:
         return entries
-    return tuple(
-        (i, j) for i in range(n) for j, name in enumerate(plant.states) if (i, j) in entries or plant.phi[i].derivative(name) != ZERO
-    )
+    everywhere = ((i, j) for i in range(n) for j in range(n))
+    return tuple((i, j) for i, j in everywhere if (i, j) in entries or plant.phi[i].derivative(plant.states[j]) != ZERO)
 
 
 def magnitudes(plant: Plant) -> dict[tuple[int, int], Fraction] | None:
@@ -71,11 +85,12 @@ def magnitudes(plant: Plant) -> dict[tuple[int, int], Fraction] | None:
     limits besides, since the saturated estimate need not meet those (None where no bound is found)."""
     values = {}
     for i, j in met_entries(plant):
-        ends = (plant.slopes.lower[i, j], plant.slopes.upper[i, j])
-        sides: list[str | None] = [str(abs(end.rational)) if end.rational is not None else upper_text(abs(end.ball())) for end in ends]
         if plant.domain.where:
             slope = simplify(plant.phi[i].derivative(plant.states[j]))
             sides = [least_bound(side, _region(plant, ""), _ROUGH, TRIAL) for side in (slope, -slope)]
+        else:
+            ends = (plant.slopes.lower[i, j], plant.slopes.upper[i, j])
+            sides = [upper_text(abs(end.ball())) if end.rational is None else str(abs(end.rational)) for end in ends]
         found = [Fraction(side) for side in sides if side is not None]
         if len(found) < 2:
             return None
@@ -87,20 +102,17 @@ def constant_rate(variant: str, values: Mapping[tuple[int, int], Fraction]) -> R
     """Gamma: the largest slope (triangular), the norm of the last row (last row)."""
     largest = Exact(max(values.values(), default=Fraction(0)))
     if variant == "last_row" and len(values) > 1:
-        largest = Exact(upper_text(fraction_ball(sum((value * value for value in values.values()), Fraction(0))).sqrt()))
+        squares = sum((value * value for value in values.values()), Fraction(0))
+        largest = Exact(upper_text(fraction_ball(squares).sqrt()))
     return Rate(largest.expression, largest, "constant")
 
 
-def _ends(plant: Plant, *prefixes: str) -> dict[str, Interval]:
-    ends = {source.name: source.range for source in plant.inputs if source.range is not None}
-    for prefix in prefixes:
-        ends |= {prefix + name: interval for name, interval in plant.domain.box.items()}
-    return ends
-
-
 def _region(plant: Plant, *prefixes: str, where: bool = False) -> Region:
-    names = tuple(prefix + name for prefix in prefixes for name in plant.states) + tuple(source.name for source in plant.inputs)
-    return Region.made(_ends(plant, *prefixes), names, plant.domain.where if where else ())
+    inputs = tuple(source.name for source in plant.inputs)
+    ends = {source.name: source.range for source in plant.inputs if source.range is not None}
+    ends |= {prefix + name: interval for prefix in prefixes for name, interval in plant.domain.box.items()}
+    names = tuple(prefix + name for prefix in prefixes for name in plant.states)
+    return Region.made(ends, names + inputs, plant.domain.where if where else ())
 
 
 def secant(plant: Plant, j: int, i: int) -> Expression:
@@ -111,8 +123,7 @@ def secant(plant: Plant, j: int, i: int) -> Expression:
     slope = simplify(plant.phi[j].derivative(name))
     if name not in slope.variables:
         return slope.substitute(env)
-    phi = plant.phi[j].substitute(env)
-    hat = Variable(HAT + name)
+    phi, hat = plant.phi[j].substitute(env), Variable(HAT + name)
     quotient = simplify((phi.substitute({name: hat}) - phi) / (hat - Variable(name)))
     if not _is_singular(quotient, plant):
         return quotient
@@ -121,16 +132,21 @@ def secant(plant: Plant, j: int, i: int) -> Expression:
 
 def _is_singular(quotient: Expression, plant: Plant) -> bool:
     """Whether the quotient has no value where x_i = x_hat_i: the difference did not cancel."""
-    point = {}
-    for inside in quotient.variables:
-        bare = inside.removeprefix(HAT)
-        interval = _ends(plant, "").get(bare)
-        low, high = (None, None) if interval is None else (interval.lower, interval.upper)
-        value = Fraction(7, 10) if low is None or high is None else Fraction(float(low) * 0.6 + float(high) * 0.4)
-        if interval is not None and (low is None) != (high is None):
-            value = Fraction(float(low)) + 1 if low is not None else Fraction(float(high or Exact(0))) - 1
-        point[inside] = arb(float(value))
-    return not quotient.ball(point).is_finite()
+    bare = {name: name.removeprefix(HAT) for name in quotient.variables}
+    point = _sampled(plant, set(bare.values()), 1)
+    return not quotient.ball({name: point[own] for name, own in bare.items()}).is_finite()
+
+
+def _sampled(plant: Plant, names: Collection[str], k: int) -> dict[str, arb]:
+    """Point k >= 1 of a sequence that fills the domain evenly: the golden ratio's powers, one a name."""
+    ends, point = _region(plant, "").ends, {}
+    for position, name in enumerate(sorted(names)):
+        interval = ends.get(name, Interval(None, None))
+        low, high = (None if end is None else float(end) for end in (interval.lower, interval.upper))
+        start = low if low is not None else -1.0 if high is None else high - 2.0
+        width = 2.0 if low is None or high is None else high - low
+        point[name] = arb(start + width * ((k * 0.6180339887498949 ** (position + 1)) % 1))
+    return point
 
 
 def derive_rate(plant: Plant, variant: str) -> Rate:
@@ -151,8 +167,7 @@ def derive_rate(plant: Plant, variant: str) -> Rate:
         own = range_of(a, region.box)
         if isinstance(own.lower, Fraction) and isinstance(own.upper, Fraction) and not a.variables & set(region.ends):
             return Exact(own.lower), Exact(own.upper)
-        part = Region.made({k: v for k, v in region.ends.items() if k in a.variables}, tuple(sorted(a.variables)), _within(region, a))
-        high, low = (least_bound(side, part, _ROUGH, TRIAL) for side in (a, -a))
+        high, low = (least_bound(side, region.over(a), _ROUGH, TRIAL) for side in (a, -a))
         return None if high is None or low is None else (-Exact(low), Exact(high))
 
     bounds: list[Expression] = []
@@ -162,43 +177,28 @@ def derive_rate(plant: Plant, variant: str) -> Rate:
         bounds.append(Number(values[i, j]) if bound is None else bound)
     if not any(bound.variables for bound in bounds):
         return constant
-    c = bounds[0]
-    if variant == "triangular":
-        for bound in bounds[1:]:
-            c = call("max", c, bound)
-    elif len(bounds) > 1:
-        total: Expression = ZERO
-        for bound in bounds:
-            total = total + bound * bound
-        c = call("sqrt", total)
+    largest = variant == "triangular" or len(bounds) == 1
+    c = reduce(lambda a, b: call("max", a, b), bounds) if largest else call("sqrt", _squares(bounds))
     plain = c.substitute({HAT + name: Variable(name) for name in plant.states})
     if not _is_smaller(plant, plain, constant):
         return constant
     return _with_largest(plant, call("min", plain, constant.c), "derived", constant.largest)
 
 
+def _squares(terms: Iterable[Expression]) -> Expression:
+    return sum((one * one for one in terms), ZERO)
+
+
 def _is_smaller(plant: Plant, c: Expression, constant: Rate) -> bool:
     """Whether c is worth its length: at most 0.9 of the constant on average over points of the domain."""
-    ends = _ends(plant, "")
-    ratios = []
-    for k in range(1, 65):
-        # A low-discrepancy sequence: the golden ratio's powers, one a name.
-        point = {}
-        for position, name in enumerate(sorted(c.variables)):
-            interval = ends.get(name)
-            low = -1.0 if interval is None or interval.lower is None else float(interval.lower)
-            high = low + 2.0 if interval is None or interval.upper is None else float(interval.upper)
-            point[name] = arb(low + (high - low) * ((k * 0.6180339887498949 ** (position + 1)) % 1))
-        ratios.append(min(1.0, abs(float(c.ball(point).mid())) / max(float(constant.largest or Exact(1)), 1e-300)))
+    most = max(float(constant.largest or Exact(1)), 1e-300)
+    values = (c.ball(_sampled(plant, c.variables, k)) for k in range(1, 65))
+    ratios = [min(1.0, abs(float(value.mid())) / most) for value in values]
     return sum(ratios) / len(ratios) <= 0.9
 
 
-def _within(region: Region, a: Expression) -> tuple[Expression, ...]:
-    return tuple(w for w in region.where if w.variables <= a.variables)
-
-
 def _with_largest(plant: Plant, c: Expression, origin: Origin, known: Exact | None) -> Rate:
-    found = least_bound(c, _region(plant, ""), 0.01, TRIAL)
+    found = least_bound(c, _region(plant, ""), _ROUGH, TRIAL)
     largest = known if found is None else Exact(found)
     if known is not None and largest is not None and float(known) < float(largest):
         largest = known
@@ -215,39 +215,38 @@ def rate_claim(plant: Plant, rate: Rate, variant: str) -> Claim:
     over = _region(plant, "").text() or "all x and u"
     statement = f"c(x_hat, u) = {rate.c} bounds the slopes of phi as Assumption 1 asks, for {over}"
     if rate.origin != "typed":
-        status: Status = "proved" if _is_proved(plant, rate, variant) else "undecided"
+        holds = _is_derived(plant, rate, variant) if rate.origin == "derived" else _is_constant(plant, rate, variant)
         method = "declared slopes" if rate.origin == "constant" else "secants separated in x and (x_hat, u)"
-        return Claim("c", "premise", status, statement, SOURCE, method=method)
+        return Claim("c", "premise", "proved" if holds else "undecided", statement, SOURCE, method=method)
     region = _region(plant, "", HAT, BETWEEN, where=True)
     c = rate.c.substitute({name: Variable(HAT + name) for name in plant.states})
-    secants = [secant(plant, i, j) for i, j in met_entries(plant)]
-    if variant == "last_row" and len(secants) > 1:
-        total: Expression = ZERO
-        for one in secants:
-            total = total + one * one
-        sides = [total - c * c, -c]
-    else:
-        # With no secant at all c must still not be negative: L would fall.
-        sides = [side for one in secants for side in (one - c, -one - c)] or [-c]
-    for side in sides:
-        if not _is_nonpositive(simplify(side), region):
-            return Claim("c", "premise", "undecided", f"{statement}: open where {simplify(side)} <= 0 is needed", SOURCE)
+    for side in _typed_sides(c, [secant(plant, i, j) for i, j in met_entries(plant)], variant):
+        if not _is_nonpositive(side, region):
+            return Claim("c", "premise", "undecided", f"{statement}: open where {side} <= 0 is needed", SOURCE)
     return Claim("c", "premise", "proved", statement, SOURCE, method="branch and bound on secants")
 
 
+def _typed_sides(c: Expression, secants: Sequence[Expression], variant: str) -> Iterable[Expression]:
+    """What must not be positive for a typed c. With no secant at all c must still not be negative: L would fall."""
+    if variant == "last_row" and len(secants) > 1:
+        return map(simplify, (_squares(secants) - c * c, -c))
+    return map(simplify, [side for one in secants for side in (one - c, -one - c)] or [-c])
+
+
 def _is_nonpositive(side: Expression, region: Region) -> bool:
-    upper = range_of(side, region.box).upper
-    if upper <= 0:
+    if range_of(side, region.box).upper <= 0:
         return True
-    part = Region.made({k: v for k, v in region.ends.items() if k in side.variables}, tuple(sorted(side.variables)), _within(region, side))
-    return bounded(side, part, Exact(0), TRIAL).status == "proved"
+    return bounded(side, region.over(side), EXACT_ZERO, TRIAL).status == "proved"
 
 
-def _is_proved(plant: Plant, rate: Rate, variant: str) -> bool:
-    """Whether a constant c is above the slopes, or a derived one what this plant gives."""
-    if rate.origin == "derived":
-        expected = derive_rate(plant, variant)
-        return str(expected.c) == str(rate.c) and expected.largest == rate.largest
+def _is_derived(plant: Plant, rate: Rate, variant: str) -> bool:
+    """Whether a derived c is what this plant gives."""
+    expected = derive_rate(plant, variant)
+    return str(expected.c) == str(rate.c) and expected.largest == rate.largest
+
+
+def _is_constant(plant: Plant, rate: Rate, variant: str) -> bool:
+    """Whether a constant c is above the slopes."""
     if rate.largest is None or rate.c != rate.largest.expression:
         return False
     if variant == "triangular" and plant.domain.where:
@@ -269,4 +268,4 @@ def largest_is_proved(plant: Plant, rate: Rate, variant: str, premise: Claim) ->
     if rate.origin == "derived":
         return premise.status == "proved"
     values = magnitudes(plant)
-    return values is not None and rate.c == rate.largest.expression and constant_rate(variant, values).largest == rate.largest
+    return values is not None and constant_rate(variant, values) == Rate(rate.c, rate.largest, "constant")

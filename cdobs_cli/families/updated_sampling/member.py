@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, PlantView
 from cdobs_cli.plant import Plant, Slopes
 from cdobs_cli.sampling import SamplingLaw
+
+if TYPE_CHECKING:
+    from cdobs_cli.families.updated_sampling import UpdatedSampling
 
 
 def error_maps(view: PlantView[Any]) -> ErrorMaps[Any]:
@@ -30,3 +34,8 @@ def free_member(plant: Plant, gain: Mapping[str, ExactMatrix]) -> HybridInclusio
     zero = ExactMatrix([[0] * plant.n] * plant.n)
     law = SamplingLaw.periodic(gain["alpha"][0, 0])
     return HybridInclusion(error_maps, replace(plant, slopes=Slopes(zero, zero), sampling=law), gain, law, ())
+
+
+def asked(family: UpdatedSampling, plant: Plant, gain: Mapping[str, ExactMatrix], effort: int) -> Question:
+    """What the theorems are asked: the plant, the gain, and the law by which the observer chooses its instants."""
+    return Question(HybridInclusion(error_maps, plant, gain, plant.sampling, ()), effort=effort, card=family)

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 
 from cdobs_cli.design import Design
-from cdobs_cli.exact.expression import ONE, Expression, Number, Variable, power
+from cdobs_cli.exact.expression import ONE, Number, Variable, power
 from cdobs_cli.families.updated_sampling.lipschitz import HAT, Rate
 from cdobs_cli.hybrid import Observer
 from cdobs_cli.plant import Plant
 
 L, M = "gain.L", "gain.M"
 LARGEST_L = 10**6
+_GROWN = "the gain L grows beyond 1e6: c(x_hat, u) is not bounded along the estimate"
 
 
 def observer(plant: Plant, design: Design, rate: Rate) -> Observer:
@@ -27,27 +29,23 @@ def observer(plant: Plant, design: Design, rate: Rate) -> Observer:
     alpha, a_1, a_2, a_3 = (design.gain[name][0, 0].expression for name in ("alpha", "a1", "a2", "a3"))
     hat = tuple(HAT + name for name in plant.states)
     inside = plant.clipped(HAT)
+    cut = replace(plant, phi=tuple(one.substitute(inside) for one in plant.phi))
     elapsed, gain_L, gain_M = Variable("elapsed"), Variable(L), Variable(M)
     innovation = plant.outputs(HAT)[0] - Variable("y.0")
-    flow: list[Expression] = []
-    for i in range(plant.n):
-        total = plant.phi[i].substitute(inside)
-        for j, name in enumerate(hat):
-            total = total + plant.A[i, j].expression * Variable(name)
-        for j, source in enumerate(plant.inputs if plant.B is not None else ()):
-            assert plant.B is not None
-            total = total + plant.B[i, j].expression * Variable(source.name)
-        flow.append(total)
     c = rate.c.substitute(inside)
-    jump = [Variable(name) + elapsed * power(gain_L, Fraction(i + 1)) * K[i, 0].expression * innovation for i, name in enumerate(hat)]
+    high = [elapsed * power(gain_L, Fraction(i + 1)) * K[i, 0].expression for i in range(plant.n)]
     return Observer(
         states=(*hat, L, M),
         start=(*(Variable(f"initial.{name}") for name in plant.states), ONE, ONE),
-        flow=(*flow, a_2 * gain_L * gain_M * c, a_3 * gain_M * c),
-        jump=(*jump, gain_L * (ONE - a_1 * alpha) + a_1 * alpha, ONE),
+        flow=(*cut.right_hand_side(HAT), a_2 * gain_L * gain_M * c, a_3 * gain_M * c),
+        jump=(
+            *(Variable(name) + k * innovation for name, k in zip(hat, high, strict=True)),
+            gain_L * (ONE - a_1 * alpha) + a_1 * alpha,
+            ONE,
+        ),
         estimates={"x_hat": tuple(Variable(name) for name in hat)},
         jump_at_start=False,
         trigger=elapsed * gain_L - alpha,
         internals={"L": gain_L, "c": c},
-        stops=((Number(LARGEST_L) - gain_L, "the gain L grows beyond 1e6: c(x_hat, u) is not bounded along the estimate"),),
+        stops=((Number(LARGEST_L) - gain_L, _GROWN),),
     )

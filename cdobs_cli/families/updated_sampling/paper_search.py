@@ -2,158 +2,105 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from itertools import product
 from math import exp, log
-from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
+from cdobs_cli.certify import search
+from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.families.updated_sampling.compass import Point, climb
 from cdobs_cli.families.updated_sampling.period import Timing, float_period
 from cdobs_cli.families.updated_sampling.theorems import (
     Chain,
-    condition_8_lower,
-    condition_8_upper,
+    condition_8,
     condition_9,
     condition_9_lower,
     condition_9_upper,
     lemma_4,
-    lemma_5_N_1,
-    lemma_5_N_2,
+    lemma_5,
     one_step_map,
     theorem_2_a_1,
     theorem_2_a_2_least,
 )
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from cdobs_cli.design import SolverRecord
-
-    Array = NDArray[np.float64]
-
+Array = NDArray[np.float64]
+Found = tuple[Array, Array, float]
 _SLACK = 1e-3
 
 
-@dataclass(frozen=True)
-class PaperDesign:
-    """P, K and the numbers of (8)-(9) as they are for this P, alpha and the a_1, a_2 that go with it."""
-
-    P: Array
-    K: Array
-    p: tuple[float, float, float, float]
-    alpha: float
-    a_1: float
-    a_2: float
-    record: SolverRecord | None = None
-
-
-def matrices(n: int, p_1: float, p_3: float, p_4: float, K: Array | None = None) -> tuple[Array, Array, SolverRecord] | None:
+def matrices(n: int, p_1: float, p_3: float, p_4: float, K: Array | None = None) -> tuple[Array, Array] | None:
     """P and K with (8)-(9) and the least p_2 for p_1, p_3, p_4; convex in (P, W = P K). K may be given."""
-    import numpy as np
-
     from cdobs_cli.certify.lmi import Program, full, symmetric
 
     chain, identity = Chain.floats(n), np.eye(n)
-    unknowns = {"P": symmetric(n), "p_2": full(1, 1)} | ({"W": full(n, 1)} if K is None else {})
-    program = Program(unknowns)
-    program.require(lambda x: condition_8_lower(x["P"], p_1, identity))
-    program.require(lambda x: condition_8_upper(x["P"], x["p_2"], identity))
+    program = Program({"P": symmetric(n), "p_2": full(1, 1)} | ({"W": full(n, 1)} if K is None else {}))
+    program.require(lambda x: condition_8(x["P"], p_1, x["p_2"], identity)[0])
+    program.require(lambda x: condition_8(x["P"], p_1, x["p_2"], identity)[1])
     program.require(lambda x: condition_9(chain, x["P"], x["W"] if K is None else x["P"] @ K) - _SLACK * identity)
     program.require(lambda x: condition_9_lower(chain, x["P"], p_3))
     program.require(lambda x: condition_9_upper(chain, x["P"], p_4))
     program.maximise(lambda x: -x["p_2"])
-    solution = program.solve()
-    P = solution.values["P"]
+    values = program.solve().values
+    P = values["P"]
     if not np.all(np.isfinite(P)) or np.linalg.eigvalsh(P)[0] <= 0:
         return None
-    gain: Array = np.linalg.solve(P, solution.values["W"]).astype(float) if K is None else K
-    if np.linalg.eigvalsh(condition_9(chain, P, P @ gain))[0] < 0:
-        return None
-    return P, gain, solution.record
+    gain: Array = np.linalg.solve(P, values["W"]).astype(float) if K is None else K
+    return None if np.linalg.eigvalsh(condition_9(chain, P, P @ gain))[0] < 0 else (P, gain)
 
 
-def numbers(P: Array) -> tuple[float, float, float, float]:
+def numbers(P: Array) -> tuple[float, ...]:
     """p_1 .. p_4 of a given P, a little to the safe side."""
-    import numpy as np
-
     chain = Chain.floats(len(P))
-    ends = np.linalg.eigvalsh(P)
     dilation = np.linalg.eigvals(np.linalg.solve(P, condition_9_lower(chain, P, 0.0))).real
-    return (
-        float(ends[0]) * (1 - 1e-7), float(ends[-1]) * (1 + 1e-7),
-        float(dilation.min()) * (1 - 1e-7), float(dilation.max()) * (1 + 1e-7),
-    )  # fmt: skip
+    both = (np.linalg.eigvalsh(P), dilation)
+    return tuple(end for v in both for end in (float(v.min()) * (1 - 1e-7), float(v.max()) * (1 + 1e-7)))
 
 
-def a_2_at(P: Array, K: Array, p: tuple[float, float, float, float], alpha: float, a_1: float, weight: int) -> float:
+def a_2_at(P: Array, K: Array, p: tuple[float, ...], alpha: float, a_1: float, weight: int) -> float:
     """The least a_2 of step 3 at alpha."""
-    import numpy as np
-
     chain = Chain.floats(len(P))
     norm_Q = float(np.linalg.norm(one_step_map(chain, K, alpha), 2))
     norm_J = float(np.linalg.norm(chain.identity + alpha * (K @ chain.C), 2))
-    norm_P, scale = float(np.linalg.norm(P, 2)), (1 - a_1 * alpha) ** (2 * len(P))
-    N_1 = lemma_5_N_1(norm_Q, norm_J, exp(alpha), norm_P, scale)
-    N_2 = lemma_5_N_2(norm_J, exp(alpha), norm_P, scale)
+    N_1, N_2 = lemma_5(norm_Q, norm_J, exp(alpha), float(np.linalg.norm(P, 2)), (1 - a_1 * alpha) ** (2 * len(P)))
     return theorem_2_a_2_least(weight, N_1, N_2, p[0], p[2], max)  # type: ignore[no-any-return]
 
 
 def largest_alpha(P: Array, K: Array, a_1: float, p_2: float) -> float:
-    """alpha_m in floats: where (17) is first lost, by doubling and bisection."""
-    import numpy as np
-
+    """alpha_m in floats: where (17) is first lost."""
     chain = Chain.floats(len(P))
 
-    def holds(alpha: float) -> bool:
-        return a_1 * alpha < 1 and bool(np.linalg.eigvalsh(lemma_4(chain, P, K, alpha, a_1, p_2))[0] > 0)
+    def lost(alpha: Exact) -> bool | None:
+        size = float(alpha)
+        return None if a_1 * size < 1 and np.linalg.eigvalsh(lemma_4(chain, P, K, size, a_1, p_2))[0] > 0 else True
 
-    low = 1e-9
-    if not holds(low):
-        return 0.0
-    while holds(low * 1.25):
-        low *= 1.25
-    high = low * 1.25
-    for _ in range(40):
-        middle = (low + high) / 2
-        low, high = (middle, high) if holds(middle) else (low, middle)
-    return low
+    start = 1e-9
+    first = search.smallest(lost, start, 1.6, 4e-9, span=1e18) if lost(search.short(start)) is None else None
+    return 0.0 if first is None else float(first[0])
 
 
-def best_alpha(P: Array, K: Array, weight: int, c: float, alpha: float | None) -> tuple[float, float, float, float] | None:
-    """(period, alpha, a_1, a_2) of the longest guaranteed period for these matrices; alpha may be given."""
+def best_alpha(P: Array, K: Array, weight: int, c: float, alpha: float | None) -> tuple[float, float] | None:
+    """The longest guaranteed period for these matrices, and its alpha, which may be given."""
     p = numbers(P)
     a_1 = theorem_2_a_1(p[1], p[3])
     alpha_m = largest_alpha(P, K, a_1, p[1]) * (1 - 1e-6)
-    if not alpha_m > 0:
+    if not alpha_m > 0 or (alpha is not None and alpha > alpha_m):
         return None
-
-    def at(trial: float) -> tuple[float, float, float, float]:
-        a_2 = a_2_at(P, K, p, trial, a_1, weight)
-        return float_period(Timing(trial, a_1, a_2, 2.0 * weight), c), trial, a_1, a_2
-
-    if alpha is not None:
-        return at(alpha) if alpha <= alpha_m else None
-    return max(at(alpha_m * 0.85**k) for k in range(40))
+    trials = [alpha_m * 0.85**k for k in range(40)] if alpha is None else [alpha]
+    timings = (Timing(trial, a_1, a_2_at(P, K, p, trial, a_1, weight), 2.0 * weight) for trial in trials)
+    return max((float_period(timing, c), timing.alpha) for timing in timings)
 
 
-def longest_period(n: int, weight: int, c: float, evaluations: int, alpha: float | None = None) -> PaperDesign | None:
-    """The best p_1, p_3, p_4 and alpha for the period guaranteed while c(x_hat, u) <= c."""
+def longest_period(n: int, weight: int, c: float, evaluations: int, alpha: float | None) -> Found | None:
+    """P, K and alpha of the best p_1, p_3, p_4 for the period guaranteed while c(x_hat, u) <= c; alpha may be given."""
 
-    def value(point: Point) -> tuple[float, PaperDesign] | None:
+    def value(point: Point) -> tuple[float, Found] | None:
         found = matrices(n, exp(point[0]), point[1], point[2])
-        if found is None:
-            return None
-        P, K, record = found
-        best = best_alpha(P, K, weight, c, alpha)
-        if best is None:
-            return None
-        return best[0], PaperDesign(P, K, numbers(P), best[1], best[2], best[3], record)
+        best = None if found is None else best_alpha(*found, weight, c, alpha)
+        return None if found is None or best is None else (best[0], (*found, best[1]))
 
-    starts = [(log(p_1), p_3, 2.0 * n + extra) for p_1 in (0.05, 0.2, 0.5) for p_3 in (0.4, 0.8) for extra in (0.5, 2.0)]
-    tried = [(outcome[0], start) for start in starts if (outcome := value(start)) is not None]
-    if not tried:
-        return None
-    best = climb(
-        value, max(tried)[1], (0.5, 0.2, 0.6), (log(1e-4), 0.01, 2.0 * n + 1e-3), (log(10), 1.999, 20.0 * n), evaluations
-    )  # fmt: skip
-    return None if best is None else best[1]
+    grid = product((0.05, 0.2, 0.5), (0.4, 0.8), (0.5, 2.0))
+    starts = [(log(p_1), p_3, 2.0 * n + extra) for p_1, p_3, extra in grid]
+    lower, upper = (log(1e-4), 0.01, 2.0 * n + 1e-3), (log(10), 1.999, 20.0 * n)
+    return climb(value, starts, (0.5, 0.2, 0.6), lower, upper, evaluations)

@@ -25,9 +25,26 @@ class Timing:
     a_2: Any
     a_3: Any
 
+    @property
+    def balls(self) -> Timing:
+        """The same in balls."""
+        return Timing(*map(arb, (self.alpha, self.a_1, self.a_2, self.a_3)))
+
+    @property
+    def floats(self) -> Timing:
+        """The same in floats."""
+        return Timing(*(float(arb(value).mid()) for value in (self.alpha, self.a_1, self.a_2, self.a_3)))
+
+    @property
+    def is_signed(self) -> bool:
+        """alpha, a_1, a_2 > 0, a_3 >= 0 and a_1 alpha < 1: what (6)-(7) take for granted. Not in floats."""
+        positive = all(arb(value) > 0 for value in (self.alpha, self.a_1, self.a_2))
+        return bool(positive and arb(self.a_3) >= 0 and arb(self.a_1 * self.alpha) < 1)
+
     def cycle(self, c: Any, x: Any, exponential: Callable[[Any], Any]) -> Any:
         """`fixed_point` at L^- = x for constant c."""
-        return fixed_point(self.a_1 * self.alpha, growth(self.a_2, self.a_3, c * self.alpha / x, exponential), x, exponential)
+        grown = growth(self.a_2, self.a_3, c * self.alpha / x, exponential)
+        return fixed_point(self.a_1 * self.alpha, grown, x, exponential)
 
 
 def _ball_exp(x: Any) -> arb:
@@ -66,23 +83,21 @@ def guaranteed_period(timing: Timing, c: arb) -> tuple[arb, arb]:
     x (exp(-I(c alpha / x)) - (1 - a_1 alpha)) - a_1 alpha changes its sign once, at L^- of the cycle: x grows
     with L_k and with c, so from L(0) = 1 it never passes that point. Timing in balls.
     """
-    floats = Timing(*(float(arb(value).mid()) for value in (timing.alpha, timing.a_1, timing.a_2, timing.a_3)))
+    floats = timing.floats
     guess = _root(lambda x: floats.cycle(float(c.upper()), x, _float_exp) < 0, 1.0)
     if not isfinite(guess):
         return arb(0), timing.alpha
-    exact = Fraction(guess)
-    above = below = fraction_ball(exact)
-    for room in (Fraction(1, 10**12), Fraction(1, 10**9), Fraction(1, 10**6)):
-        above = fraction_ball(exact * (1 + room))
-        if timing.cycle(c, above, _ball_exp) > 0:
-            break
-    else:
+    above = _beside(guess, 1, lambda x: timing.cycle(c, x, _ball_exp) > 0)
+    below = _beside(guess, -1, lambda x: timing.cycle(c, x, _ball_exp) < 0)
+    if above is None:
         return arb(0), timing.alpha
-    for room in (Fraction(1, 10**12), Fraction(1, 10**9), Fraction(1, 10**6)):
-        below = fraction_ball(exact * (1 - room))
-        if timing.cycle(c, below, _ball_exp) < 0:
-            return timing.alpha / above, timing.alpha / below
-    return timing.alpha / above, timing.alpha
+    return timing.alpha / above, timing.alpha if below is None else timing.alpha / below
+
+
+def _beside(guess: float, side: int, holds: Callable[[arb], bool]) -> arb | None:
+    """A number just above (side 1) or below (-1) the guess at which something holds."""
+    trials = (fraction_ball(Fraction(guess) * (1 + side * Fraction(1, 10**digits))) for digits in (12, 9, 6))
+    return next(filter(holds, trials), None)
 
 
 def lemma_1(timing: Timing, c: arb) -> arb:
@@ -91,12 +106,12 @@ def lemma_1(timing: Timing, c: arb) -> arb:
     Source: Andrieu2014, proof of Lemma 1
     Deviates: the paper leaves L_0 out of the maximum.
     """
-    floats = Timing(*(float(arb(value).mid()) for value in (timing.alpha, timing.a_1, timing.a_2, timing.a_3)))
 
     def phi(parts: Timing, rate: Any, ell: Any, exponential: Callable[[Any], Any]) -> Any:
         kappa = lemma_1_kappa(parts.a_2, parts.a_3, rate * parts.alpha / ell, exponential)
         return lemma_1_phi(parts.a_1 * parts.alpha, kappa, ell)
 
+    floats = timing.floats
     guess = _root(lambda ell: phi(floats, float(c.upper()), ell, _float_exp) > 1, 1e-9)
     if not isfinite(guess):
         return arb(0)

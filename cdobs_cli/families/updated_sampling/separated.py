@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from fractions import Fraction
+from collections.abc import Callable, Iterable
+from functools import reduce
 
 from cdobs_cli.exact.expression import ONE, ZERO, Call, Expression, Number, Power, call, power
 from cdobs_cli.exact.numbers import Exact
@@ -29,10 +29,7 @@ def separated(expression: Expression, known: frozenset[str]) -> Terms | None:
     if left is None or right is None:
         return None
     if expression.function == "add":
-        total = dict(left)
-        for m, a in right.items():
-            total[m] = total.get(m, ZERO) + a
-        return total if len(total) <= MAX_TERMS else None
+        return _collected((*left.items(), *right.items()))
     if expression.function == "multiply":
         return _product(left, right)
     if len(right) != 1:
@@ -41,31 +38,28 @@ def separated(expression: Expression, known: frozenset[str]) -> Terms | None:
     return {simplify(m / m_right): a / a_right for m, a in left.items()}
 
 
-def _product(left: Terms, right: Terms) -> Terms | None:
-    if len(left) * len(right) > MAX_TERMS:
-        return None
+def _collected(terms: Iterable[tuple[Expression, Expression]]) -> Terms | None:
     total: Terms = {}
-    for m, a in left.items():
-        for m_right, a_right in right.items():
-            both = simplify(m * m_right)
-            total[both] = total.get(both, ZERO) + a * a_right
-    return total
+    for m, a in terms:
+        total[m] = total.get(m, ZERO) + a
+    return total if len(total) <= MAX_TERMS else None
+
+
+def _product(left: Terms | None, right: Terms) -> Terms | None:
+    if left is None or len(left) * len(right) > MAX_TERMS:
+        return None
+    return _collected((simplify(m * n), a * b) for m, a in left.items() for n, b in right.items())
 
 
 def _power(expression: Power, known: frozenset[str]) -> Terms | None:
-    base = separated(expression.base, known)
-    exponent = expression.exponent
+    base, exponent = separated(expression.base, known), expression.exponent
     if base is None or exponent.denominator != 1:
         return None
     if len(base) == 1:
         ((m, a),) = base.items()
         return {power(m, exponent): power(a, exponent)}
-    if not 0 < exponent <= 4:
-        return None
-    total: Terms | None = {ONE: ONE}
-    for _ in range(int(exponent)):
-        total = None if total is None else _product(total, base)
-    return total
+    start: Terms | None = {ONE: ONE}
+    return reduce(_product, [base] * int(exponent), start) if 0 < exponent <= 4 else None
 
 
 def modulus_bound(terms: Terms, ends: Callable[[Expression], tuple[Exact, Exact] | None]) -> Expression | None:
@@ -76,13 +70,9 @@ def modulus_bound(terms: Terms, ends: Callable[[Expression], tuple[Exact, Exact]
     middle: Expression = ZERO
     spread: Expression = ZERO
     for m, a in terms.items():
-        found = ends(simplify(a))
-        if found is None:
+        low, high = (end.rational for end in found) if (found := ends(simplify(a))) else (None, None)
+        if low is None or high is None:
             return None
-        low, high = found
-        if low.rational is None or high.rational is None:
-            return None
-        centre, radius = (low.rational + high.rational) / 2, (high.rational - low.rational) / 2
-        middle = middle + Number(centre) * m
-        spread = spread + Number(Fraction(radius)) * call("abs", m)
+        middle = middle + Number((low + high) / 2) * m
+        spread = spread + Number((high - low) / 2) * call("abs", m)
     return (ZERO if middle == ZERO else call("abs", simplify(middle))) + spread

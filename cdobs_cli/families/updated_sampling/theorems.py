@@ -9,15 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import product
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
-from cdobs_cli.exact.matrix import block, symmetric
+import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from cdobs_cli.exact.matrix import Matrix
+from cdobs_cli.certify.definite import has_positive_pivots
+from cdobs_cli.exact.matrix import Matrix, block, symmetric
 
 M = TypeVar("M")
 
@@ -38,14 +36,10 @@ class Chain(Generic[M]):
 
     @staticmethod
     def floats(n: int) -> Chain[NDArray[np.float64]]:
-        import numpy as np
-
         return Chain(n, np.eye(n, k=1), np.eye(1, n), np.diag(np.arange(1.0, n + 1)), np.eye(n), np.diag)
 
     @staticmethod
     def exact(n: int) -> Chain[Matrix]:
-        from cdobs_cli.exact.matrix import Matrix
-
         def diagonal(values: list[Any]) -> Matrix:
             return Matrix.from_rows([[value if i == j else 0 for j in range(n)] for i, value in enumerate(values)])
 
@@ -67,6 +61,11 @@ class Chain(Generic[M]):
         return total  # type: ignore[no-any-return]
 
 
+def is_definite(*matrices: Matrix) -> bool:
+    """Whether M > 0 is proved of each, in balls."""
+    return all(has_positive_pivots(M.balls()) for M in matrices)
+
+
 def growth(a_2: Any, a_3: Any, b: Any, exp: Callable[[Any], Any]) -> Any:
     """ln(L^- / L_k) = (a_2 / a_3) (exp(a_3 b) - 1), b the integral of c over the period; a_2 b where a_3 = 0.
 
@@ -75,20 +74,12 @@ def growth(a_2: Any, a_3: Any, b: Any, exp: Callable[[Any], Any]) -> Any:
     return a_2 * b if a_3 == 0 else (exp(a_3 * b) - 1) * a_2 / a_3
 
 
-def condition_8_lower(P: Any, p_1: Any, identity: Any) -> Any:
-    """P - p_1 I >= 0.
+def condition_8(P: Any, p_1: Any, p_2: Any, identity: Any) -> tuple[Any, Any]:
+    """P - p_1 I >= 0 and p_2 I - P >= 0.
 
     Source: Andrieu2014, (8)
     """
-    return P - identity * p_1
-
-
-def condition_8_upper(P: Any, p_2: Any, identity: Any) -> Any:
-    """p_2 I - P >= 0.
-
-    Source: Andrieu2014, (8)
-    """
-    return identity * p_2 - P
+    return P - identity * p_1, identity * p_2 - P
 
 
 def condition_9(chain: Chain[Any], P: Any, W: Any) -> Any:
@@ -147,22 +138,15 @@ def lemma_4(chain: Chain[Any], P: Any, K: Any, alpha: Any, a_1: Any, p_2: Any) -
     return theorem_2_prime_i(chain, P, K, alpha, a_1, alpha / (4 * p_2))
 
 
-def lemma_5_N_1(norm_Q: Any, norm_J: Any, exp_alpha: Any, norm_P: Any, scale: Any) -> Any:
-    """N_1 = 2 |Q| |I + alpha K C| e^(|A| alpha) |P| / (1 - a_1 alpha)^(2n), |A| = 1; `scale` the last divisor.
+def lemma_5(norm_Q: Any, norm_J: Any, exp_alpha: Any, norm_P: Any, scale: Any) -> tuple[Any, Any]:
+    """N_1 = 2 |Q| |J| e^(|A| alpha) |P| / s and N_2 = |J|^2 e^(2 |A| alpha) |P| / s, with J = I + alpha K C, |A| = 1
+    and s = (1 - a_1 alpha)^(2n), which is `scale`.
 
     Source: Andrieu2014, Lemma 5
-    Deviates: Andrieu2013 has N_1(0) = 1; it is 2 |P|.
+    Deviates: Andrieu2013 has N_1(0) = N_2(0) = 1; they are 2 |P| and |P|.
     """
-    return 2 * norm_Q * norm_J * exp_alpha * norm_P / scale
-
-
-def lemma_5_N_2(norm_J: Any, exp_alpha: Any, norm_P: Any, scale: Any) -> Any:
-    """N_2 = |I + alpha K C|^2 e^(2 |A| alpha) |P| / (1 - a_1 alpha)^(2n).
-
-    Source: Andrieu2014, Lemma 5
-    Deviates: Andrieu2013 has N_2(0) = 1; it is |P|.
-    """
-    return norm_J * norm_J * exp_alpha * exp_alpha * norm_P / scale
+    grown = norm_J * exp_alpha
+    return 2 * norm_Q * grown * norm_P / scale, grown * grown * norm_P / scale
 
 
 def theorem_2_a_2(weight: Any, N_1: Any, N_2: Any, p_1: Any, p_3: Any) -> Any:

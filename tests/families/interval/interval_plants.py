@@ -4,9 +4,11 @@ from fractions import Fraction
 
 import numpy as np
 
+from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.exact.expression import ZERO
-from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.families.interval import Interval
+from cdobs_cli.families.interval.observer import inclusion
 from cdobs_cli.families.interval.theorems import Coordinates, coordinates
 from cdobs_cli.plant import Box, Input, Plant, Slopes
 from cdobs_cli.sampling import SamplingLaw
@@ -45,14 +47,25 @@ PENDULUM_S = ExactMatrix([["sqrt(2)", 0], [-1, 1]])
 PENDULUM_L = ExactMatrix([[4], [4]])
 
 
-def exact(A, C, S, L) -> Coordinates[Matrix]:
+def exact(A, C, S, L) -> Coordinates:
     A, C, S, L = (m if isinstance(m, ExactMatrix) else ExactMatrix(m) for m in (A, C, S, L))
     return coordinates(A.balls(), C.balls(), S.balls(), S.balls().inverse(), L.balls())
 
 
-def floats(A, C, S, L) -> Coordinates[np.ndarray]:
+def floats(A, C, S, L) -> Coordinates:
     A, C, S, L = (m if isinstance(m, ExactMatrix) else ExactMatrix(m) for m in (A, C, S, L))
     return coordinates(A.floats, C.floats, S.floats, np.linalg.inv(S.floats), L.floats)
+
+
+def question(plant, gain, **options) -> Question:
+    """What a certificate of this gain is asked under the plant's law."""
+    return Question(inclusion(plant, gain), card=Interval(**options))
+
+
+def asked(A, C, S, L, T="1", **gain) -> Question:
+    """The same of typed matrices, for periods up to T."""
+    typed = {name: m if isinstance(m, ExactMatrix) else ExactMatrix(m) for name, m in {"S": S, "L": L, **gain}.items()}
+    return question(plant(A, C, up_to(T), B=[[0]] * (len(A) - 1) + [[1]]), typed)
 
 
 PENDULUM = ([[0, 1], [-1, 0]], [[1, 0]], PENDULUM_S, PENDULUM_L)

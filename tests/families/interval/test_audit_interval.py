@@ -25,7 +25,8 @@ def test_a_state_measured_without_noise_is_known_after_each_sample(L, part):
     _, plain = checked(Interval(gain=gain), at)
     assert plain.verdict == "refuted" and plain.claim(part).status == "refuted"
     _, cut = checked(Interval(gain=gain, tighten="intersect"), at)
-    assert cut.verdict == "undecided" and cut.claim(part).status == ("refuted" if part == "boundedness" else "undecided")
+    assert cut.verdict == "undecided"
+    assert cut.claim(part).status == ("refuted" if part == "boundedness" else "undecided")
 
 
 def test_an_error_that_no_row_of_the_output_cuts_is_still_refuted():
@@ -39,8 +40,9 @@ def test_an_error_that_no_row_of_the_output_cuts_is_still_refuted():
 @pytest.mark.parametrize("tighten", ["none", "hull"])
 def test_a_given_gain_is_not_proved_at_less_than_the_least_acceptable_period(tighten):
     asked = law("5")
-    design, check = checked(Interval(gain=Gain(S=[[1]], L=[["1.4"]]), objective="max_period", tighten=tighten), scalar(asked))
+    family = Interval(gain=Gain(S=[[1]], L=[["1.4"]]), objective="max_period", tighten=tighten)
+    design, check = checked(family, scalar(asked))
     assert design.sampling == asked
     assert check.verdict != "proved"
-    design, check = checked(Interval(gain=Gain(S=[[1]], L=[["1.4"]]), objective="max_period", tighten=tighten), scalar(law("0.1")))
+    design, check = checked(family, scalar(law("0.1")))
     assert float(design.sampling.T_max) > 0.1 and check.verdict == "proved"

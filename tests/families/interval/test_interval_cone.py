@@ -11,16 +11,17 @@ from replayed import Bounds, replay
 from scipy.linalg import expm
 from scipy.optimize import brentq, nnls
 
-from cdobs_cli.certificate import Certificate
 from cdobs_cli.design import Design
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.interval import Gain, Interval
 from cdobs_cli.families.interval.analysis import Analysis
-from cdobs_cli.families.interval.cone import Cone, ErrorSystem, _is_invariant
+from cdobs_cli.families.interval.cone import Cone
 from cdobs_cli.families.interval.crossing import Crossing, distance, refutes
 from cdobs_cli.families.interval.crossing_search import crossing_from_box, crossing_from_signals
+from cdobs_cli.families.interval.errors import ErrorSystem
 from cdobs_cli.families.interval.rays import extreme_rays
+from cdobs_cli.families.interval.system import System
 from cdobs_cli.sampling import SamplingLaw
 
 A, C = [["1.5", "1.5"], ["-1.6", "-1.6"]], [["1", "0"]]
@@ -50,11 +51,12 @@ def test_a_cone_proves_what_the_orthant_does_not():
     assert "e1 <= 2.5352 e2" in check.claim("positivity").statement
     assert check.claim("boundedness").status == "proved" and "cone" in check.claim("boundedness").method
     orthant, reached = check.bounds["positivity_period_max.orthant"], check.bounds["positivity_period_max"]
-    assert float(orthant.proved) < 0.5 < float(orthant.refuted) and float(orthant.refuted) - float(orthant.proved) < 1e-6
+    assert float(orthant.proved) < 0.5 < float(orthant.refuted)
+    assert float(orthant.refuted) - float(orthant.proved) < 1e-6
     assert float(reached.proved) < longest_for_boxes() < float(reached.refuted)
     assert float(reached.refuted) - float(reached.proved) < 3e-5
     assert check.bounds["period_max"].proved == reached.proved and check.bounds["period_max"].refuted == reached.refuted
-    assert {certificate.method for certificate in design.certificates} >= {"cone", "cone_frontier"}
+    assert [one.sampling == up_to("0.7") for one in design.certificates if one.method == "cone"] == [True, False]
 
 
 @pytest.mark.parametrize("law", [up_to("0.96"), SamplingLaw.periodic(Exact("0.96")), up_to("0.96", "0.9")])
@@ -62,7 +64,7 @@ def test_beyond_the_cone_a_box_and_a_word_refute(law):
     _, check = checked(lagging(law))
     witness = check.claim("convergence").witness
     assert check.verdict == "refuted" and witness.kind == "box" and witness.times == ("0.96",)
-    found = replay(Bounds(ExactMatrix(A).floats, ExactMatrix(C).floats, ExactMatrix(S).floats, ExactMatrix(L).floats), witness)
+    found = replay(Bounds(*(ExactMatrix(M).floats for M in (A, C, S, L))), witness)
     assert found < 0 and abs(found - float(witness.data["distance"])) < 1e-9
 
 
@@ -85,7 +87,7 @@ def test_the_pendulum_of_the_paper_lasts_longer_from_boxes_of_x():
 
 
 def test_noise_alone_leaves_the_cone():
-    """Its share of e1 comes without any of e2: two samples of opposite noise cross a bound from a state known exactly."""
+    """Its share of e1 comes without any of e2: two samples of opposite noise cross a bound from a known state."""
     at = lagging(up_to("0.7"), noise=box(["-0.1"], ["0.1"]))
     _, check = checked(at)
     witness = check.claim("positivity").witness
@@ -108,7 +110,7 @@ def test_the_measured_row_may_be_cut():
     assert check.claim("positivity").status == check.claim("boundedness").status == "proved"
     assert check.verdict == "proved" and "final_width" not in check.bounds
     stored = next(c for c in design.certificates if c.method == "cone")
-    assert stored.data["omega"] is not None and all(Exact(row[0]).sign() == 1 for row in stored.data["omega"])
+    assert stored.sampling == up_to("0.7") and all(Exact(row[0]).sign() == 1 for row in stored.data["omega"])
 
 
 # ---------------------------------------------------------------- what must not be proved
@@ -118,14 +120,15 @@ def analysis(at, cone=None, tighten="none", gain=GAIN):
     """An analysis whose design holds one cone at its law."""
     family = Interval(gain=gain, tighten=tighten)
     design = family.synthesize(at, 0)
-    stored = [c for c in design.certificates if c.method == "cone"]
-    kept = [replace(c, data=cone.document()) for c in stored[:1]] if cone is not None else stored
-    return Analysis(family, at, replace(design, certificates=(*[c for c in design.certificates if c.method == "hurwitz"], *kept)), 0)
+    stored = [c for c in design.certificates if c.method == "cone" and c.sampling == at.sampling]
+    kept = [replace(cone, law=at.sampling).certificate()] if cone is not None and stored else stored
+    hurwitz = [c for c in design.certificates if c.method == "hurwitz"]
+    return Analysis(family, at, replace(design, certificates=(*hurwitz, *kept)), 0)
 
 
-def rows(*entries, unit=("0.775", "1", "0.775", "1"), omega=None):
+def rows(*entries, law=None, unit=("0.775", "1", "0.775", "1"), omega=None):
     column = lambda values: None if values is None else ExactMatrix([[value] for value in values])  # noqa: E731
-    return Cone(ExactMatrix(entries), column(unit), column(omega))
+    return Cone(law or up_to("0.7"), ExactMatrix(entries), column(unit), column(omega))
 
 
 FITTING = (["-1", "2.5", "0", "0"], ["0", "0", "-1", "2.5"])
@@ -159,15 +162,16 @@ def test_a_cone_of_another_law_is_not_believed():
     at = lagging(up_to("0.7"))
     family = Interval(gain=GAIN)
     design = family.synthesize(at, 0)
-    moved = replace(design, certificates=tuple(replace(c, sampling=up_to("0.6")) if c.method == "cone" else c for c in design.certificates))
-    assert Analysis(family, at, moved, 0).cone is None
-    periodic = SamplingLaw.periodic(Exact("0.9"))
-    moved = tuple(replace(c, sampling=periodic) if c.method == "cone_frontier" else c for c in design.certificates)
-    assert Analysis(family, at, replace(design, certificates=moved), 0).cone_frontier is None
+    own, longest = (c for c in design.certificates if c.method == "cone")
+    assert Analysis(family, at, design, 0).enclosed_by_cones() == [Exact("0.7"), longest.sampling.T_max]
+    shorter = Analysis(family, at, replace(design, certificates=(replace(own, sampling=up_to("0.6")),)), 0)
+    assert shorter.cone is None and shorter.enclosed_by_cones() == [Exact("0.6")]
+    moved = replace(longest, sampling=SamplingLaw.periodic(Exact("0.9")))
+    assert Analysis(family, at, replace(design, certificates=(own, moved)), 0).enclosed_by_cones() == [Exact("0.7")]
 
 
 def test_between_samples_the_orthant_counts_also_where_no_sample_may_come():
-    """e1 = 1 - 8 s + 0.75 (exp(2 s) - 1) is positive again at T = 2: the cone e1 <= e2 is kept from sample to sample."""
+    """e1 = 1 - 8 s + 0.75 (exp(2 s) - 1) is positive again at T = 2: samples keep the cone e1 <= e2."""
     at = plant([["1.5", "1.5"], ["0.5", "0.5"]], C, SamplingLaw.periodic(Exact("2")))
     gain = Gain(S=S, L=[["8"], ["-8"]])
     _, check = checked(at, gain)
@@ -175,10 +179,9 @@ def test_between_samples_the_orthant_counts_also_where_no_sample_may_come():
     assert check.verdict == "refuted" and witness.times == () and float(witness.data["after"]) < 1.5
     family = Interval(gain=gain)
     design = family.synthesize(at, 0)
-    cone = rows(["-1", "1", "0", "0"], ["0", "0", "-1", "1"])
-    kept = Certificate("cone", at.sampling, cone.document())
-    a = Analysis(family, at, replace(design, certificates=(kept,)), 0)
-    assert _is_invariant(cone.H.balls(), cone.rays, a.errors, at.sampling, 0) and a.cone is None
+    cone = rows(["-1", "1", "0", "0"], ["0", "0", "-1", "1"], law=at.sampling)
+    a = Analysis(family, at, replace(design, certificates=(cone.certificate(),)), 0)
+    assert cone.is_invariant(a.system.errors) and a.cone is None
 
 
 @pytest.mark.parametrize(
@@ -216,9 +219,10 @@ def test_what_a_longer_cone_says_of_the_period_is_what_is_proved_of_it():
     design = family.synthesize(at, 0)
 
     def with_frontier(law, **changes):
-        own = [c for c in design.certificates if c.method != "cone_frontier"]
-        kept = next(c for c in design.certificates if c.method == "cone_frontier")
-        return replace(design, certificates=(*own, replace(kept, sampling=law or kept.sampling, data=kept.data | changes)))
+        own = [c for c in design.certificates if c.method != "cone" or c.sampling == at.sampling]
+        kept = next(c for c in design.certificates if c not in own)
+        changed = replace(kept, sampling=law or kept.sampling, data=kept.data | changes)
+        return replace(design, certificates=(*own, changed))
 
     loose = Analysis(family, at, with_frontier(None, unit=None, omega=None), 0)
     assert len(loose.enclosed_by_cones()) == 2 and loose.enclosed_by_cones(bounded=True) == [Exact("0.7")]
@@ -234,24 +238,23 @@ def system(A, C, S, L, cut=()):
 def test_a_cone_that_is_kept_but_does_not_hold_the_start_proves_nothing():
     """e1 <= 0.9 e2 lasts for T = 0.3; a box of x1 starts at (1, 1)."""
     errors, law = system(A, C, S, L), up_to("0.3")
-    assert rows(["-1", "1.1", "0", "0"], ["0", "0", "-1", "1.1"]).proves_enclosure(errors, law, 0)
-    thin = rows(["-1", "0.9", "0", "0"], ["0", "0", "-1", "0.9"])
-    assert _is_invariant(thin.H.balls(), thin.rays, errors, law, 0) and not thin.proves_enclosure(errors, law, 0)
+    assert rows(["-1", "1.1", "0", "0"], ["0", "0", "-1", "1.1"], law=law).encloses(errors)
+    thin = rows(["-1", "0.9", "0", "0"], ["0", "0", "-1", "0.9"], law=law)
+    assert thin.is_invariant(errors) and not thin.encloses(errors)
 
 
 def test_a_cone_that_a_cut_alone_leaves_proves_nothing_where_rows_are_cut():
     """z1 = x1 + x2 is measured: errors start with e1 >= e2 and keep e1 >= e2/2, unless y cuts e1."""
     data = ([["0", "1.6"], ["0", "-0.1"]], [["1", "1"]], [["1", "1"], ["0", "1"]], [["2"], ["0"]])
-    cone = rows(["1", "-0.5", "0", "0"], ["0", "0", "1", "-0.5"])
-    assert cone.proves_enclosure(system(*data), up_to("0.3"), 0)
-    assert not cone.proves_enclosure(system(*data, cut=(0,)), up_to("0.3"), 0)
+    cone = rows(["1", "-0.5", "0", "0"], ["0", "0", "1", "-0.5"], law=up_to("0.3"))
+    assert cone.encloses(system(*data)) and not cone.encloses(system(*data, cut=(0,)))
 
 
 @pytest.mark.parametrize(("share", "kept"), [("0.5", False), ("0.7", False), ("0.85", True)])
 def test_a_face_that_is_left_at_once_is_seen_however_short_the_period(share, kept):
     """On e1 = c e2 the slope of c e2 - e1 is 1.9 c - 1.5."""
-    cone = rows(["-1", share, "0", "0"], ["0", "0", "-1", share])
-    assert _is_invariant(cone.H.balls(), cone.rays, system(A, C, S, L), up_to("0.001"), 0) == kept
+    cone = rows(["-1", share, "0", "0"], ["0", "0", "-1", share], law=up_to("0.001"))
+    assert cone.is_invariant(system(A, C, S, L)) == kept
 
 
 @pytest.mark.parametrize("signs", [(1, 1), (-1, -1)])
@@ -260,10 +263,10 @@ def test_what_grows_shrinks_in_no_negative_measure(signs):
     errors = system([["1.5", "1.5"], ["-1", "-1"]], C, S, L)
     u, v = signs
     for cone in (
-        rows(*FITTING, unit=[str(0.5 * u), str(u), str(0.5 * u), str(u)]),
-        rows(*FITTING, unit=None, omega=["0.01", str(v), "0.01", str(v)]),
+        rows(*FITTING, law=up_to("0.3"), unit=[str(0.5 * u), str(u), str(0.5 * u), str(u)]),
+        rows(*FITTING, law=up_to("0.3"), unit=None, omega=["0.01", str(v), "0.01", str(v)]),
     ):
-        assert not cone.proves_boundedness(errors, up_to("0.3"), 0)
+        assert not cone.shrinks(errors)
 
 
 def test_errors_that_grow_are_not_called_bounded():
@@ -283,7 +286,7 @@ def test_touched_cones_are_not_believed():
         {"H": [["1"]], "unit": None, "omega": None},
         {"H": [], "unit": [["1"]], "omega": 3},
     ):
-        touched = tuple(replace(c, data=data) if c.method.startswith("cone") else c for c in design.certificates)
+        touched = tuple(replace(c, data=data) if c.method == "cone" else c for c in design.certificates)
         check = family.certify(at, replace(design, certificates=touched), 0)
         assert check.verdict == "undecided" and check.claim("positivity").witness is None
         assert float(check.bounds["period_max"].proved) < 0.5
@@ -314,7 +317,7 @@ def test_random_plants_keep_what_is_proved_and_lose_what_is_refuted(seed):
     v_box = (np.array([-0.05]), np.array([0.05])) if noisy else None
     family = Interval(gain=Gain(S=data[2], L=data[3]))
     base = plant(data[0], data[1], up_to("0.1"), **signals)
-    limit = Analysis(family, base, family.synthesize(base, 0), 0).limit
+    limit = Analysis(family, base, family.synthesize(base, 0), 0).system.limit
     for share in (0.97, 1.02, 1.3):
         T = f"{share * float(limit.proved):.6f}" if limit.proved else "0.5"
         law = (up_to(T), SamplingLaw.periodic(Exact(T)), up_to(T, f"{float(T) / 2:.6f}"))[seed % 3]
@@ -323,7 +326,8 @@ def test_random_plants_keep_what_is_proved_and_lose_what_is_refuted(seed):
         claim = check.claim("positivity")
         bounds = Bounds(a, c, s, ell, d_box, v_box)
         if claim.status == "refuted":
-            size = max(abs(float(Exact(text))) for text in (*claim.witness.data["lower"], *claim.witness.data["upper"], "1"))
+            data = claim.witness.data
+            size = max(abs(float(Exact(text))) for text in (*data["lower"], *data["upper"], "1"))
             assert replay(bounds, claim.witness) < 0
             assert abs(replay(bounds, claim.witness) - float(claim.witness.data["distance"])) < 1e-8 * size
         if claim.status == "proved":
@@ -352,20 +356,22 @@ def worst_run(bounds, rng, low, high):
 
 def test_a_crossing_of_another_law_or_outside_its_box_is_no_witness():
     at = lagging(up_to("0.96"))
-    gain = {"S": ExactMatrix(S), "L": ExactMatrix(L)}
+    plain = System(at, {"S": ExactMatrix(S), "L": ExactMatrix(L)})
     nothing, zero = ((False, False),) * 2, (Fraction(0), Fraction(0))
-    good = Crossing((Fraction(0), Fraction(-1)), zero, zero, (Exact("0.96"),), Exact("0.96"), nothing, ((False,),) * 2, 0)
-    assert refutes(at, gain, good, at.sampling, cut=False) is not None
+    T, low_v = Exact("0.96"), ((False,),) * 2
+    good = Crossing((Fraction(0), Fraction(-1)), zero, zero, (T,), T, nothing, low_v, 0)
+    assert refutes(plain, good, at.sampling) is not None
     for law in (up_to("0.95"), up_to("2", "0.97"), SamplingLaw.periodic(Exact("1"))):
-        assert refutes(at, gain, good, law, cut=False) is None
+        assert refutes(plain, good, law) is None
     for wrong in (
-        replace(good, state=(Fraction(0), Fraction(1))), replace(good, state=(Fraction(0), Fraction(-2))), replace(good, component=1),
+        replace(good, state=(Fraction(0), Fraction(1))), replace(good, state=(Fraction(0), Fraction(-2))),
+        replace(good, component=1),
         replace(good, after=Exact("0.5")), replace(good, periods=(Exact(0),)), replace(good, after=Exact("-0.1")),
         replace(good, after=Exact("0.97")),
     ):  # fmt: skip
-        assert refutes(at, gain, wrong, at.sampling, cut=False) is None
+        assert refutes(plain, wrong, at.sampling) is None
     twice = replace(good, periods=(Exact("0.96"), Exact(0)), low_d=(*nothing, nothing[0]), low_v=((False,),) * 3)
-    assert distance(at, gain, twice, cut=False) < 0 and refutes(at, gain, twice, at.sampling, cut=False) is None
+    assert distance(plain, twice) < 0 and refutes(plain, twice, at.sampling) is None
 
 
 @pytest.mark.parametrize(("seed", "by_signals"), [(0, False), (1, True), (2, False), (3, True)])
@@ -384,7 +390,7 @@ def test_crossings_are_seen_with_rows_cut_as_the_observer_cuts_them(seed, by_sig
     gain = {"S": ExactMatrix(s), "L": ExactMatrix(gains)}
     data = (at.A.floats, at.C.floats, gain["S"].floats, gain["L"].floats, (low_d, up_d), (low_v, up_v))
     for found in (crossing_from_box, crossing_from_signals)[: 1 + by_signals]:
-        witness = found(at, gain, at.sampling, cut=True)
+        witness = found(System(at, gain, cut=True), at.sampling)
         assert witness is not None
         lost = replay(Bounds(*data, cut=[(0, np.array([2.0, 0.0]))]), witness)
         size = max(abs(float(text)) for text in (*witness.data["lower"], *witness.data["upper"], "1"))

@@ -6,32 +6,20 @@ from math import log, pi, sqrt
 
 import numpy as np
 import pytest
-from interval_plants import PENDULUM, PENDULUM_S, SCALAR, TENTH, exact, floats, pendulum, scalar, up_to
+from interval_plants import PENDULUM, PENDULUM_S, SCALAR, asked, exact, floats, pendulum, question, scalar, up_to
 
+from cdobs_cli.certify.methods.base import read
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
-from cdobs_cli.exact.numbers import ExactMatrix
-from cdobs_cli.families.interval.boundedness import (
-    Lmi15,
-    final_width,
-    find_lmi_15,
-    find_w_star,
-    lmi_15_limit,
-    prove_hurwitz,
-    prove_lmi_15,
-    refute_hurwitz,
-)
-from cdobs_cli.families.interval.held_loop import closed_loop, descriptor_design, find_held_loop, prove_held_loop, refute_held_loop
-from cdobs_cli.families.interval.theorem_2 import (
-    Theorem2,
-    find_theorem_2,
-    gain_limit,
-    observer_loop,
-    prove_theorem_2,
-    refute_theorem_2,
-    spectral_norm,
-)
-from cdobs_cli.families.interval.theorems import feedback_flow, feedback_held, lmi_15, width_matrix
+from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.families.interval.feedback_design import descriptor_design
+from cdobs_cli.families.interval.held import growth, growth_and_slope, interval
+from cdobs_cli.families.interval.held_loop import HeldLoop, decrease, decrease_over, refute_held_loop
+from cdobs_cli.families.interval.hurwitz import final_width, find_w_star, prove_hurwitz, refute_hurwitz
+from cdobs_cli.families.interval.lmi_15 import Lmi15, lmi_15_limit
+from cdobs_cli.families.interval.system import System
+from cdobs_cli.families.interval.theorem_2 import Theorem2, gain_limit, refute_theorem_2, spectral_norm
+from cdobs_cli.families.interval.theorems import lmi_15, observer_loop, width_matrix
 from cdobs_cli.sampling import SamplingLaw
 
 
@@ -70,30 +58,28 @@ def test_a_weak_injection_is_not_bounded():
 
 @pytest.mark.parametrize(("data", "limit"), [(PENDULUM, pi / 8), (SCALAR, pi / 2.8)])
 def test_frontier_of_lmi_15(data, limit):
-    z, f = exact(*data), floats(*data)
-    T = Fraction(limit * 0.9995)
-    found = find_lmi_15(f, z, T)
-    assert found is not None and prove_lmi_15(z, found, fraction_ball(T))
-    assert prove_lmi_15(z, found, fraction_ball(T / 3))  # affine in tau: holds below as well
-    assert Lmi15.from_document(found.document()) == found
-    assert find_lmi_15(f, z, Fraction(limit * 1.0005)) is None
-    assert not prove_lmi_15(z, found, fraction_ball(Fraction(limit * 1.0005)))
-    assert abs(float(lmi_15_limit(z)) - limit) < 1e-12
+    within, beyond = (asked(*data, T=f"{limit * share:.15f}") for share in (0.9995, 1.0005))
+    found = Lmi15.propose(within)
+    assert found is not None and found.prove(within).holds
+    assert replace(found, law=up_to(f"{limit / 3:.9f}")).prove(within).holds  # affine in tau: holds below as well
+    assert read(found.certificate(), (Lmi15,)).method == found
+    assert Lmi15.propose(beyond) is None
+    assert not replace(found, law=beyond.law).prove(beyond).holds
+    assert abs(float(lmi_15_limit(exact(*data))) - limit) < 1e-12
 
 
 def test_a_shrunk_certificate_of_lmi_15_is_not_proved():
-    z = exact(*PENDULUM)
-    found = find_lmi_15(floats(*PENDULUM), z, Fraction(1, 10))
-    assert found is not None
+    at = asked(*PENDULUM, T="0.1")
+    found = Lmi15.propose(at)
+    assert found is not None and found.prove(at).holds
     zero = ExactMatrix([[0, 0], [0, 0]])
-    assert not prove_lmi_15(z, replace(found, P=(zero, found.P[1])), fraction_ball(TENTH))
-    assert not prove_lmi_15(z, replace(found, W=(found.W[0], zero)), fraction_ball(TENTH))
+    assert not replace(found, P=(zero, found.P[1])).prove(at).holds
+    assert not replace(found, W=(found.W[0], zero)).prove(at).holds
 
 
 def test_lmi_15_as_one_matrix_of_the_paper():
-    """An independent transcription: with the paper's full Phi_0, Phi_1 and block diagonal P, W in sum and difference."""
-    z, f = exact(*PENDULUM), floats(*PENDULUM)
-    found = find_lmi_15(f, z, TENTH)
+    """An independent transcription: the paper's full Phi_0, Phi_1 and block diagonal P, W in sum and difference."""
+    f, found = floats(*PENDULUM), Lmi15.propose(asked(*PENDULUM, T="0.1"))
     assert found is not None
     s, d = 0.5 * np.ones((2, 2)), 0.5 * np.array([[1, -1], [-1, 1]])
     P, W = (np.kron(s, pair[0].floats) + np.kron(d, pair[1].floats) for pair in (found.P, found.W))
@@ -102,54 +88,50 @@ def test_lmi_15_as_one_matrix_of_the_paper():
     up[1, 1], down[1, 1] = f.Q0[1, 1], 0
     Phi_0, Phi_1 = np.block([[up, -down], [-down, up]]), np.kron(np.eye(2), f.Q1)
     F, tau = Phi_0 + Phi_1, 2 * 0.1 / pi
-    full = np.block([[P @ F + F.T @ P, tau * P @ Phi_1, F.T @ W], [tau * Phi_1.T @ P, -W, tau * Phi_1.T @ W], [W @ F, tau * W @ Phi_1, -W]])
+    first, second = [P @ F + F.T @ P, tau * P @ Phi_1, F.T @ W], [tau * Phi_1.T @ P, -W, tau * Phi_1.T @ W]
+    full = np.block([first, second, [W @ F, tau * W @ Phi_1, -W]])
     assert np.linalg.eigvalsh(full).max() < 0 and np.linalg.eigvalsh(P).min() > 0
     assert np.allclose(lmi_15(Phi_0, Phi_1, P, W, tau), full)
 
 
-def loops(data, B, K_lower, K_upper):
-    z, f = exact(*data), floats(*data)
-    B, low, up = (ExactMatrix(m) for m in (B, K_lower, K_upper))
-    return observer_loop(z, z.S @ B.balls(), low.balls(), up.balls()), observer_loop(f, f.S @ B.floats, low.floats, up.floats)
+def scalar_loop(T):
+    return asked(*SCALAR, T=T, K_lower=[[-3]], K_upper=[[-3]])
 
 
-SCALAR_LOOP = (SCALAR, [[1]], [[-3]], [[-3]])
-PENDULUM_LOOP = (PENDULUM, [[0], [1]], [["-1/8", "-1/8"]], [["-1/16", "-1/16"]])
+def pendulum_loop(T):
+    return asked(*PENDULUM, T=T, K_lower=[["-1/8", "-1/8"]], K_upper=[["-1/16", "-1/16"]])
 
 
 @pytest.mark.parametrize(("T", "small"), [("0.1", True), ("0.193", True), ("0.1938", False), ("0.25", False)])
 def test_theorem_2_holds_for_the_scalar_only_below_0_1934(T, small):
-    z = exact(*SCALAR)
-    limit = gain_limit(z, Matrix.from_rows([[1]]))
+    at = scalar_loop(T)
+    limit = gain_limit(System.of(at))
     assert abs(float(limit) - sqrt(0.5)) < 1e-6
-    found = find_theorem_2(*loops(*SCALAR_LOOP)[::-1], Fraction(T))
-    assert found is not None and prove_theorem_2(loops(*SCALAR_LOOP)[0], found, fraction_ball(Fraction(T)))
-    assert (found.gamma.ball() < limit) == small
-    smaller = replace(found, gamma=type(found.gamma)(str(float(found.gamma) * 0.98)))
-    assert not prove_theorem_2(loops(*SCALAR_LOOP)[0], smaller, fraction_ball(Fraction(T)))
-    assert Theorem2.from_document(found.document()) == found
+    found = Theorem2.propose(at)
+    assert found is not None and found.prove(at).holds
+    assert (Exact(found.gamma).ball() < limit) == small
+    assert not replace(found, gamma=str(float(found.gamma) * 0.98)).prove(at).holds
+    assert read(found.certificate(), (Theorem2,)).method == found
 
 
 def test_theorem_2_has_no_solution_for_the_scalar_at_0_35():
-    exact_loop, float_loop = loops(*SCALAR_LOOP)
-    assert find_theorem_2(float_loop, exact_loop, Fraction("0.35")) is None
+    assert Theorem2.propose(scalar_loop("0.35")) is None
 
 
 def test_theorem_2_of_the_pendulum_is_refuted_by_the_static_gain():
-    z = exact(*PENDULUM)
-    limit = gain_limit(z, Matrix.from_rows([[1, 0]]))
+    at = pendulum_loop("0.1")
+    limit = gain_limit(System.of(at))
     assert abs(float(limit) - 0.541196) < 1e-6
-    exact_loop, float_loop = loops(*PENDULUM_LOOP)
-    witness = refute_theorem_2(exact_loop, limit)
+    witness = refute_theorem_2(System.of(at).loop, limit)
     assert witness is not None and abs(float(witness.data["static_gain"]) - 2.737) < 5e-4
-    found = find_theorem_2(float_loop, exact_loop, TENTH)
+    found = Theorem2.propose(at)
     assert found is not None and 2.737 < float(found.gamma) < 3
 
 
 def test_theorem_2_gain_bounds_the_simulated_response():
     """Independent: the L2 gain over periodic inputs y cannot exceed the proved gamma."""
-    exact_loop, float_loop = loops(*PENDULUM_LOOP)
-    found = find_theorem_2(float_loop, exact_loop, TENTH)
+    at = pendulum_loop("0.1")
+    found, float_loop = Theorem2.propose(at), System.of(at).float_loop
     assert found is not None
     from cdobs_cli.certify.falsify import exponentials
 
@@ -172,11 +154,8 @@ def test_spectral_norm_is_enclosed():
 
 
 def held(plant, K_lower, K_upper, S):
-    gain = {"S": S, "K_lower": ExactMatrix(K_lower), "K_upper": ExactMatrix(K_upper)}
-    law = plant.sampling
-    A, closed = closed_loop(plant, gain)
-    P = find_held_loop(A.floats, closed.floats, law)
-    return P is not None and prove_held_loop(A, closed, P.balls(), law), refute_held_loop(plant, gain, law, 1)
+    at = question(plant, {"S": S, "K_lower": ExactMatrix(K_lower), "K_upper": ExactMatrix(K_upper)})
+    return HeldLoop.propose(at) is not None, refute_held_loop(at)
 
 
 @pytest.mark.parametrize(("T", "stable"), [("0.3", True), ("0.3364", True), ("0.3366", False), ("0.35", False)])
@@ -186,12 +165,31 @@ def test_printed_feedback_of_the_scalar_loses_stability_at_log_1_4(T, stable):
     assert (float(T) < log(1.4)) == stable
     if witness is not None and T == "0.35":
         assert witness.about == "class"  # of no uncertain slopes: the plant alone
-        assert abs(float(witness.multiplier) - 1.0953) < 5e-5 and abs(float(witness.data["eigenvalue"][0]) + 1.0953) < 5e-5
+        assert abs(float(witness.multiplier) - 1.0953) < 5e-5
+        assert abs(float(witness.data["eigenvalue"][0]) + 1.0953) < 5e-5
 
 
 def test_printed_feedback_of_the_pendulum_is_separated():
     proved, witness = held(pendulum(up_to("0.1")), [["-1/8", "-1/8"]], [["-1/16", "-1/16"]], PENDULUM_S)
     assert proved and witness is None
+
+
+def test_values_and_slopes_over_an_interval_hold_every_point_of_it():
+    """Phi' against differences of Phi, and the decrease at points against its enclosure over the interval."""
+    rng = np.random.default_rng(5)
+    for n in (1, 2, 3):
+        A, closed, root = (Matrix.from_floats(rng.normal(size=(n, n)).round(2)) for _ in range(3))
+        P = root.T @ root
+        ball, h = interval(Fraction(1, 5), Fraction(1, 2)), Fraction(1, 10**8)
+        V, over = decrease_over(P, A, closed, ball)
+        for share in (0, Fraction(1, 3), 1):
+            s = Fraction(1, 5) + share * Fraction(3, 10)
+            Phi, slope = growth_and_slope(A, closed, fraction_ball(s))
+            below, above = (growth(A, closed, fraction_ball(s + step)).floats for step in (-h, h))
+            assert np.allclose(slope.floats, (above - below) / float(2 * h), rtol=1e-6, atol=1e-6)
+            assert np.allclose(Phi.floats, growth(A, closed, fraction_ball(s)).floats)
+            inside = V.T @ decrease(P, Phi, fraction_ball(s)) @ V
+            assert all(over[i, j].contains(inside[i, j]) for i in range(n) for j in range(n))
 
 
 def test_held_loop_is_decided_as_by_the_spectral_radius():
@@ -226,7 +224,8 @@ def test_feedback_matrices_agree_with_the_width_and_midpoint():
     """The width of zeta does not depend on the feedback; its midpoint moves with Q0 + Q1 + S B (K_lower + K_upper)."""
     f = floats(*PENDULUM)
     B, low, up = np.array([[0.0], [1]]), np.array([[-0.125, -0.125]]), np.array([[-0.0625, -0.0625]])
-    F = feedback_flow(f.Q0) + feedback_held(f.Q1, f.S @ B, low, up)
+    loop = observer_loop(f, f.S @ B, low, up)
+    F = loop.Phi_0 + loop.Phi_2
     difference, total = np.hstack([-np.eye(2), np.eye(2)]), np.vstack([np.eye(2), np.eye(2)])
     assert np.allclose(difference @ F, width_of(f) @ difference)
     assert np.allclose(F @ total, np.vstack([f.Q0 + f.Q1 + f.S @ B @ (low + up)] * 2))
@@ -234,7 +233,7 @@ def test_feedback_matrices_agree_with_the_width_and_midpoint():
 
 @pytest.mark.parametrize(
     ("Mtot", "w_star"),
-    [([[1]], [[1]]), ([[-1, 0], [0, 1]], [[1], [-1]]), ([[-1, 0], [0, 1]], [[1], [0]]), ([[-1, 0], [0, 1]], [[1], [1]]), ([[-1]], [[-1]])],
+    [([[1]], [[1]]), ([[-1]], [[-1]]), *(([[-1, 0], [0, 1]], [[1], [second]]) for second in (-1, 0, 1))],
 )
 def test_what_is_no_witness_of_a_hurwitz_matrix_proves_nothing(Mtot, w_star):
     assert prove_hurwitz(Matrix.from_rows(Mtot), Matrix.from_rows(w_star)) is None

@@ -46,7 +46,12 @@ def test_the_printed_pendulum():
 
 @pytest.mark.parametrize(
     ("T", "verdict", "by"),
-    [("0.2879178", "proved", "E(s) >= 0"), ("0.2879179", "proved", "cone"), ("0.28996", "proved", "cone"), ("0.28998", "refuted", "box")],
+    [
+        ("0.2879178", "proved", "E(s) >= 0"),
+        ("0.2879179", "proved", "cone"),
+        ("0.28996", "proved", "cone"),
+        ("0.28998", "refuted", "box"),
+    ],
 )
 def test_verdict_turns_at_the_limit_for_boxes_of_x(T, verdict, by):
     """E(s) >= 0 ends at 0.2879178; boxes of x(0) start in a smaller cone, which lasts until sqrt(2) E_11 + E_14 = 0."""
@@ -66,8 +71,9 @@ def test_irrational_periods_are_compared_exactly():
 
 def test_period_max_with_given_gains_takes_the_limit():
     design, check = made(Interval(gain=PRINTED, objective="max_period"), pendulum(up_to("0.1")))
-    assert 0.28996 < float(design.sampling.T_max) < 0.2899707 and check.verdict == "proved"  # E(s) >= 0 until 0.287917 only
-    assert check.bounds["period_max"] == replace(check.bounds["positivity_period_max"], method="positivity and boundedness", about=None)
+    assert check.verdict == "proved" and 0.28996 < float(design.sampling.T_max) < 0.2899707  # E(s) >= 0 until 0.287917
+    enclosed = replace(check.bounds["positivity_period_max"], method="positivity and boundedness", about=None)
+    assert check.bounds["period_max"] == enclosed
 
 
 def test_longest_design_of_the_pendulum():
@@ -101,6 +107,7 @@ def test_printed_feedback_of_the_scalar():
     family = Interval(gain=Gain(S=[[1]], L=[["1.4"]]), feedback=Feedback(K_lower=[[-3]], K_upper=[[-3]]))
     _, check = made(family, scalar(up_to("0.35")))
     assert check.verdict == "refuted" and status(check, "positivity") == status(check, "boundedness") == "proved"
+    assert "refuted" not in check.claim("convergence").statement  # its status says so
     witness = check.claim("convergence").witness
     assert witness.times == ("0.35",) and abs(float(witness.multiplier) - 1.0953) < 5e-5
     assert abs(float(check.bounds["theorem_2_period_max"].proved) - 0.1934) < 5e-4
@@ -115,7 +122,11 @@ def test_a_touched_certificate_is_not_believed(name):
     at = pendulum(up_to("0.1"))
     family = Interval(gain=PRINTED, feedback=PRINTED_K)
     design = family.synthesize(at, 0)
-    zero = {"hurwitz": {"w_star": [["0"], ["0"]]}, "lmi_15": {"P": [[["0"]]], "W": []}, "held_loop": {"P": [["0", "0"], ["0", "0"]]}}[name]
+    zero = {
+        "hurwitz": {"w_star": [["0"], ["0"]]},
+        "lmi_15": {"P": [[["0"]]], "W": []},
+        "held_loop": {"P": [["0", "0"], ["0", "0"]]},
+    }[name]
     touched = tuple(replace(c, data=zero) if c.method.startswith(name) else c for c in design.certificates)
     check = family.certify(at, replace(design, certificates=touched), 0)
     claim = {"hurwitz": "boundedness", "lmi_15": "lmi_15", "held_loop": "separation"}[name]
@@ -154,7 +165,8 @@ def test_hull_needs_no_structure():
 
 
 def test_hull_that_grows_is_refuted():
-    _, check = made(Interval(gain=Gain(S=[[1]], L=[["0.5"]]), tighten="hull"), scalar(SamplingLaw.periodic(Exact("0.3"))), 0)
+    family, law = Interval(gain=Gain(S=[[1]], L=[["0.5"]]), tighten="hull"), SamplingLaw.periodic(Exact("0.3"))
+    _, check = made(family, scalar(law), 0)
     assert check.verdict == "refuted" and float(check.claim("contraction").witness.multiplier) > 1
 
 
@@ -169,7 +181,8 @@ def test_tightened_bounds_are_narrower():
 
 def test_two_outputs():
     at = plant(
-        [["-0.54", "-0.32", "0.41"], ["0.3", "0.2", "-0.7"], ["0.5", "-1", "0.1"]], [[1, 0, 0], [0, "0.5", 1]], up_to("0.05"),
+        [["-0.54", "-0.32", "0.41"], ["0.3", "0.2", "-0.7"], ["0.5", "-1", "0.1"]], [[1, 0, 0], [0, "0.5", 1]],
+        up_to("0.05"),
         disturbance=box([-1] * 3, [1] * 3), noise=box(["-0.1"] * 2, ["0.1"] * 2),
     )  # fmt: skip
     for objective in ("given_period", "min_width", "max_period"):
@@ -238,7 +251,8 @@ def test_exhibits_of_a_design_and_its_run():
     assert {chart.name for chart in shown.charts} == {"positivity", "trade_off"}
     assert {table.name for table in shown.tables} == {"widths", "sylvester"}
     widths = next(table for table in shown.tables if table.name == "widths")
-    assert [row[0] for row in widths.rows] == ["bounds of the observer", "intersected with y at samples", "hull predictor"]
+    labels = ["bounds of the observer", "intersected with y at samples", "hull predictor"]
+    assert [row[0] for row in widths.rows] == labels
     assert all(row[3] <= widths.rows[0][3] * (1 + 1e-9) for row in widths.rows)
     assert "printed condition" in shown.notes[0]
 
@@ -258,8 +272,8 @@ def test_error_system_contracts_where_the_bounds_are_proved():
 def test_counterexample_of_the_feedback_runs_again():
     from cdobs_cli.simulate.witness import replay
 
-    at = scalar(up_to("0.35"))
-    design, check = made(Interval(gain=Gain(S=[[1]], L=[["1.4"]]), feedback=Feedback(K_lower=[[-3]], K_upper=[[-3]])), at, 0)
+    at, feedback = scalar(up_to("0.35")), Feedback(K_lower=[[-3]], K_upper=[[-3]])
+    design, check = made(Interval(gain=Gain(S=[[1]], L=[["1.4"]]), feedback=feedback), at, 0)
     family = Interval()
     run = replay(family.inclusion(at, design.gain), check.claim("separation").witness)
     assert abs(run.multiplier - 1.0953377) < 1e-6 and float(run.stated) <= run.multiplier * (1 + 1e-9)

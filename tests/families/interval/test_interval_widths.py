@@ -6,17 +6,18 @@ from math import exp
 
 import numpy as np
 import pytest
-from interval_plants import PENDULUM_L, PENDULUM_S, box, pendulum, plant, scalar, up_to
+from interval_plants import PENDULUM_L, PENDULUM_S, box, pendulum, plant, question, scalar, up_to
 from replayed import Bounds, split
 from scipy.linalg import expm
 
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.interval import Feedback, Gain, Interval
-from cdobs_cli.families.interval.analysis import Analysis, declared_widths
-from cdobs_cli.families.interval.hull import prove_hull
+from cdobs_cli.families.interval.analysis import Analysis
+from cdobs_cli.families.interval.hull import Hull
+from cdobs_cli.families.interval.hurwitz import refute_width, width_contracts, width_growth
 from cdobs_cli.families.interval.intersect import intersected_width
-from cdobs_cli.families.interval.sampled_width import refute_width, width_contracts, width_growth
+from cdobs_cli.families.interval.system import System
 from cdobs_cli.families.interval.theorems import Coordinates, width_matrix
 from cdobs_cli.families.interval.widths import comparison, plain_width
 from cdobs_cli.sampling import SamplingLaw
@@ -63,12 +64,13 @@ def test_a_hurwitz_matrix_alone_gives_no_width_beyond_the_orthant():
     family = Interval(gain=Gain(S=[[1]], L=[["6"]]))
     a = Analysis(family, at, family.synthesize(at, 0), 0)
     assert a.hurwitz_rate is not None and not a.ordered
-    assert plain_width(a, *declared_widths(at)) is None
+    assert plain_width(a) is None
     assert set(comparison(a)) <= {"hull"}
 
 
 @pytest.mark.parametrize(
-    ("L", "T", "contracts"), [("1.4", "0.35", True), ("1.4", "1.35", True), ("0.9", "0.35", False), ("6", "0.1", True), ("6", "1", False)]
+    ("L", "T", "contracts"),
+    [("1.4", "0.35", True), ("1.4", "1.35", True), ("0.9", "0.35", False), ("6", "0.1", True), ("6", "1", False)],
 )
 def test_contraction_of_the_width_is_that_of_its_multiplier(L, T, contracts):
     at = scalar(periodic(T))
@@ -77,9 +79,18 @@ def test_contraction_of_the_width_is_that_of_its_multiplier(L, T, contracts):
     multiplier = exp(float(T)) - float(L) * (exp(float(T)) - 1)
     assert (abs(multiplier) < 1) == contracts
     one = ExactMatrix([[1]]).balls()
-    assert width_contracts(a.z.Q0, a.Mtot, one, at.sampling) == contracts
-    assert (refute_width(a.z, a.Mtot, at.sampling) is not None) == (not contracts)
-    assert not width_contracts(a.z.Q0, a.Mtot, -one, at.sampling)
+    assert width_contracts(a.system, one, at.sampling) == contracts
+    assert (refute_width(a.system, at.sampling) is not None) == (not contracts)
+    assert not width_contracts(a.system, -one, at.sampling)
+
+
+@pytest.mark.parametrize(("longest", "contracts"), [("0.33", True), ("0.34", False), ("0.4", False)])
+def test_what_contracts_in_the_middle_of_a_law_has_to_at_its_end(longest, contracts):
+    """exp(T) - 6 (exp(T) - 1) = -1 at T = log(1.4): for the width and for the radius of the hull predictor."""
+    at, one = scalar(up_to(longest, "0.1")), ExactMatrix([[1]])
+    asked = question(at, {"S": one, "L": ExactMatrix([["6"]])})
+    assert width_contracts(System.of(asked), one.balls(), at.sampling) == contracts
+    assert Hull(at.sampling, one).prove(asked).holds == contracts
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -93,14 +104,14 @@ def test_contraction_of_random_widths(seed):
     family = Interval(gain=Gain(S=[[1, 0], [0, 1]], L=text(L)))
     a = Analysis(family, at, family.synthesize(at, 0), 0)
     w = np.array([1.0, rng.uniform(0.3, 3)])
-    P, N = split(a.z.Q0.floats)
-    H = sum(split(a.z.Q1.floats))
+    P, N = split(a.system.z.Q0.floats)
+    H = sum(split(a.system.z.Q1.floats))
     largest = -np.inf
     for s in np.linspace(1e-3, 1, 60) * T:
         both = expm(np.block([[P + N, np.eye(2)], [np.zeros((2, 4))]]) * s)
         largest = max(largest, ((np.abs(both[:2, :2] + both[:2, 2:] @ H) @ w / w - 1) / s).max())
     if abs(largest) > 0.02:
-        proved = width_contracts(a.z.Q0, a.Mtot, ExactMatrix([["1"], [f"{w[1]:.15f}"]]).balls(), at.sampling)
+        proved = width_contracts(a.system, ExactMatrix([["1"], [f"{w[1]:.15f}"]]).balls(), at.sampling)
         assert proved == (largest < 0)
 
 
@@ -108,16 +119,16 @@ def test_the_map_of_the_width_takes_couplings_by_their_size():
     Q0, Q1, s = np.array([[-1.0, -2.0], [0.5, 0.3]]), np.array([[-1.0, 0.0], [0.4, 0.0]]), 0.7
     F = np.array([[-1.0, 2.0], [0.5, 0.3]])
     both = expm(np.block([[F, np.eye(2)], [np.zeros((2, 4))]]) * s)
-    Phi = width_growth(
-        Matrix.from_floats(Q0), width_matrix(Matrix.from_floats(Q0), Matrix.from_floats(Q1)), Matrix.from_floats([[s]]).balls()[0, 0]
-    )
+    exact_Q0, exact_Q1 = Matrix.from_floats(Q0), Matrix.from_floats(Q1)
+    Phi, _ = width_growth(exact_Q0, width_matrix(exact_Q0, exact_Q1), Matrix.from_floats([[s]]).balls()[0, 0])
     assert np.allclose(np.eye(2) + s * Phi.floats, both[:2, :2] + both[:2, 2:] @ Q1)
 
 
 def test_with_the_hull_predictor_no_run_of_other_bounds_is_told():
     check = checked(scalar(periodic("1.5")), Gain(S=[[1]], L=[["1.4"]]), tighten="hull")
     claim = check.claim("positivity")
-    assert claim.status == "undecided" and claim.witness is None and claim.statement.startswith("without the hull predictor")
+    assert claim.status == "undecided" and claim.witness is None
+    assert claim.statement.startswith("without the hull predictor")
 
 
 def test_a_width_whose_boxes_span_no_direction_is_not_refuted():
@@ -125,7 +136,7 @@ def test_a_width_whose_boxes_span_no_direction_is_not_refuted():
     at = plant([["-1", "0"], ["0", "-1"]], [["1", "0"]], periodic("1"))
     family = Interval(gain=Gain(S=[[1, 1], [1, -1]], L=[["10"], ["0"]]))
     a = Analysis(family, at, family.synthesize(at, 0), 0)
-    assert refute_width(a.z, a.Mtot, at.sampling) is None
+    assert refute_width(a.system, at.sampling) is None
 
 
 def test_beyond_the_orthant_the_cone_settles_at_the_same_width():
@@ -134,15 +145,17 @@ def test_beyond_the_orthant_the_cone_settles_at_the_same_width():
     assert check.verdict == "proved"
     for name, value in (("final_width.x1", "3.8"), ("final_width.x2", "13.4"), ("final_width", "17.2")):
         bound = check.bounds[name]
-        assert bound.better == "less" and Exact(bound.refuted).rational <= Exact(value).rational <= Exact(bound.proved).rational
+        assert bound.better == "less"
+        assert Exact(bound.refuted).rational <= Exact(value).rational <= Exact(bound.proved).rational
         assert float(bound.proved) - float(bound.refuted) < 1e-8
 
 
 def settled(at, gain, cut, steps=140, seed=0, phases=5):
     """The largest widths of x in the second half of a long run, over random periods, d and v at corners."""
     rng = np.random.default_rng(seed)
-    ends = [tuple(np.array([float(v) for v in side]) for side in (b.lower, b.upper)) for b in (at.disturbance, at.noise)]
-    bounds = Bounds(at.A.floats, at.C.floats, ExactMatrix(gain.S.rows).floats, ExactMatrix(gain.L.rows).floats, *ends, cut=cut)
+    sides = ((box.lower, box.upper) for box in (at.disturbance, at.noise))
+    ends = [tuple(np.array([float(v) for v in side]) for side in pair) for pair in sides]
+    bounds = Bounds(at.A.floats, at.C.floats, gain.S.floats, gain.L.floats, *ends, cut=cut)
     n, high, low = at.n, float(at.sampling.T_max), float(at.sampling.T_min)
     bounds.start(np.zeros(n), -np.ones(n), np.ones(n))
     widest = np.zeros(n)
@@ -204,14 +217,14 @@ def test_each_step_of_the_intersected_width(seed):
     rng = np.random.default_rng(seed)
     n = 1 + seed % 3
     F = rng.uniform(0, 1, (n, n)) * (rng.random((n, n)) < 0.8) - np.diag(rng.uniform(2, 6, n))
-    H = np.diag(np.where(np.arange(n) == 0, -rng.uniform(0, 0.5), 0.0)) + np.where(np.arange(n)[:, None] > 0, 0.2, 0.0) * (
-        np.arange(n) == 0
-    )
+    first = np.arange(n) == 0
+    H = np.diag(np.where(first, -rng.uniform(0, 0.5), 0.0)) + np.where(first[:, None], 0.0, 0.2) * first
     w, c, T = rng.uniform(1, 8, n), rng.uniform(0, 1, n), rng.uniform(0.1, 0.8)
     G, noise = np.array([[rng.uniform(-2, 2)]]), rng.uniform(0.2, 3)
     exactly = lambda M: Matrix.from_floats(np.array(M).tolist())  # noqa: E731
     z = Coordinates(exactly(np.eye(n)), exactly(np.eye(n)), exactly(F), exactly(H), exactly(np.zeros((n, 1))))
-    found = intersected_width(z, {0: exactly(G)}, exactly(w[:, None]), exactly(c[:, None]), exactly([[noise]]), Fraction(T))
+    columns = (exactly(value) for value in (w[:, None], c[:, None], [[noise]]))
+    found = intersected_width(z, {0: exactly(G)}, *columns, Fraction(T))
     expected = iterated(F, H, {0: abs(G[0, 0]) * noise}, w, c, T)
     values = found.floats.ravel()
     assert np.all(values >= expected * (1 - 1e-9)) and np.all(values <= expected * 1.08)
@@ -266,9 +279,9 @@ def test_a_hull_frontier_of_another_law_is_not_read():
     family = Interval(gain=Gain(S=[[1]], L=[["1.4"]]), tighten="hull")
     design = family.synthesize(at, 0)
     bound = family.certify(at, design, 0).bounds["period_max"]
-    moved = tuple(replace(c, sampling=periodic("1.5")) if c.method == "hull_frontier" else c for c in design.certificates)
-    one = ExactMatrix([[1]]).balls()
-    assert prove_hull(at.A.balls(), at.C.balls(), one, one, design.gain["L"].balls(), one, periodic("1.5"))
+    moved = tuple(replace(c, sampling=periodic("1.5")) if c.sampling != at.sampling else c for c in design.certificates)
+    hull = Hull(periodic("1.5"), ExactMatrix([[1]]))
+    assert hull.certificate() in moved and hull.prove(question(at, design.gain, tighten="hull")).holds
     other = family.certify(at, replace(design, certificates=moved), 0).bounds["period_max"]
     assert float(bound.proved) > 0.5 and float(other.proved) == pytest.approx(0.35)
 
@@ -278,4 +291,4 @@ def test_the_width_matrix_is_what_the_fixed_point_solves():
     at = pendulum(up_to("0.1"))
     family = Interval(gain=PRINTED)
     a = Analysis(family, at, family.synthesize(at, 0), 0)
-    assert np.allclose(width_matrix(a.z.Q0, a.z.Q1).floats, [[-3, 2**0.5], [2**0.5, -1]])
+    assert np.allclose(width_matrix(a.system.z.Q0, a.system.z.Q1).floats, [[-3, 2**0.5], [2**0.5, -1]])

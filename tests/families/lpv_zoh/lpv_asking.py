@@ -6,8 +6,10 @@ from fractions import Fraction
 
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
-from cdobs_cli.families.lpv_zoh.observer import inclusion
+from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold
 from cdobs_cli.plant import Plant
+
+inclusion = LpvZeroOrderHold().inclusion
 
 
 def asked(plant: Plant, L: ExactMatrix, T: Exact | str | None = None, sigma: str | Fraction = "0") -> Question:

@@ -21,15 +21,23 @@ def up_to(T: str) -> SamplingLaw:
 
 
 def linear_class(
-    A: Sequence[Sequence[str]], C: Sequence[Sequence[str]], slopes: dict[tuple[int, int], tuple[str, str]], law: SamplingLaw
+    A: Sequence[Sequence[str]],
+    C: Sequence[Sequence[str]],
+    slopes: dict[tuple[int, int], tuple[str, str]],
+    law: SamplingLaw,
 ) -> Plant:
     """A plant by its matrices and slopes; its own phi is the member with the upper slopes."""
     n = len(A)
     names = tuple(f"x{i + 1}" for i in range(n))
-    rows = [" + ".join(f"({high})*{names[j]}" for (row, j), (_, high) in slopes.items() if row == i) or "0" for i in range(n)]
+    rows = [
+        " + ".join(f"({high})*{names[j]}" for (row, j), (_, high) in slopes.items() if row == i) or "0"
+        for i in range(n)
+    ]
     ends = [[[slopes.get((i, j), ("0", "0"))[k] for j in range(n)] for i in range(n)] for k in (0, 1)]
     phi = tuple(parse(row, frozenset(names)) for row in rows)
-    return Plant(names, (), ExactMatrix(A), phi, None, ExactMatrix(C), Slopes(ExactMatrix(ends[0]), ExactMatrix(ends[1])), law)
+    return Plant(
+        names, (), ExactMatrix(A), phi, None, ExactMatrix(C), Slopes(ExactMatrix(ends[0]), ExactMatrix(ends[1])), law
+    )
 
 
 def sine(law: SamplingLaw | None = None) -> Plant:
@@ -46,5 +54,8 @@ def two_outputs(law: SamplingLaw | None = None) -> Plant:
     """Two coupled oscillators, both positions measured."""
     A = [["0", "1", "0", "0"], ["-1", "0", "1/2", "0"], ["0", "0", "0", "1"], ["1/2", "0", "-1", "0"]]
     return linear_class(
-        A, [["1", "0", "0", "0"], ["0", "0", "1", "0"]], {(1, 0): ("-0.2", "0.2"), (3, 2): ("-0.2", "0.2")}, law or up_to("0.4")
+        A,
+        [["1", "0", "0", "0"], ["0", "0", "1", "0"]],
+        {(1, 0): ("-0.2", "0.2"), (3, 2): ("-0.2", "0.2")},
+        law or up_to("0.4"),
     )

@@ -33,7 +33,11 @@ def family(**options: object) -> LpvZeroOrderHold:
 
 def printed_family(**options: object) -> LpvZeroOrderHold:
     vertices = [vertex.texts() for vertex in PRINTED_VERTICES]
-    return family(gain={"L": PRINTED_L.texts()}, printed={"P": PRINTED_P.texts(), "Y": PRINTED_Y.texts(), "vertices": vertices}, **options)
+    return family(
+        gain={"L": PRINTED_L.texts()},
+        printed={"P": PRINTED_P.texts(), "Y": PRINTED_Y.texts(), "vertices": vertices},
+        **options,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -52,8 +56,9 @@ def test_the_printed_example(printed_check):
     assert printed_check.verdict == "proved"
     assert printed_check.bounds["period_max"].method == "clock"
     assert {claim.id: claim.status for claim in printed_check.claims if claim.id.startswith("theorem_1")} == {
-        "theorem_1.P": "proved", "theorem_1.lmi_26": "proved", "theorem_1.side_conditions": "refuted", "theorem_1.T_1": "refuted",
-        "theorem_1.T_2": "proved", "theorem_1.gain": "proved", "theorem_1.vertices": "refuted",
+        "theorem_1.P": "proved", "theorem_1.lmi_26": "proved", "theorem_1.side_conditions": "refuted",
+        "theorem_1.T_1": "refuted", "theorem_1.T_2": "proved",
+        "theorem_1.gain": "proved", "theorem_1.vertices": "refuted",
         "theorem_1.printed_vertices.P": "proved", "theorem_1.printed_vertices.lmi_26": "proved",
         "theorem_1.printed_vertices.side_conditions": "refuted", "theorem_1.printed_vertices.T_1": "refuted",
         "theorem_1.printed_vertices.T_2": "proved",
@@ -97,7 +102,9 @@ def test_a_changed_gain_or_certificate_is_not_proved(printed_design):
     for certificate in design.certificates:
         P = certificate.data.get("P")
         halved = json.loads(json.dumps(P).replace('"0.', '"0.0')) if P is not None else None
-        broken.append(replace(certificate, data={**certificate.data, "P": halved}) if halved is not None else certificate)
+        broken.append(
+            replace(certificate, data={**certificate.data, "P": halved}) if halved is not None else certificate
+        )
     assert card.certify(sine(), replace(design, certificates=tuple(broken)), 0).verdict == "undecided"
     junk = tuple(replace(certificate, data={}) for certificate in design.certificates)
     assert card.certify(sine(), replace(design, certificates=junk), 0).verdict == "undecided"
@@ -292,7 +299,11 @@ def test_which_laws_a_certificate_covers():
         ({"method": "repaired"}, two_outputs(), "observer.method"),
         ({"printed": {"P": [[1]], "Y": [[1], [1]]}}, sine(), "observer.printed.P"),
         ({"printed": {"P": [[1, 2], [0, 1]], "Y": [[1], [1]]}}, sine(), "observer.printed.P"),
-        ({"printed": {"P": [[1, 0], [0, 1]], "Y": [[1], [1]], "vertices": [[[1]]]}}, sine(), "observer.printed.vertices[0]"),
+        (
+            {"printed": {"P": [[1, 0], [0, 1]], "Y": [[1], [1]], "vertices": [[[1]]]}},
+            sine(),
+            "observer.printed.vertices[0]",
+        ),
         ({}, sine(SamplingLaw("updated")), "measurement.sampling.updated"),
     ],
 )

@@ -54,13 +54,17 @@ def test_curves_are_running_maxima_where_a_proof_serves_shorter_periods():
     up_to_T = points(lambda T: SpectralRadius(up_to_four.with_period(T), "0"))
     assert kept(up_to_four, up_to_T) == [("1", "0.7"), ("2", "0.7"), ("3", "0.7"), ("4", "0.2")]
     # One constant period says nothing of another, unless the proof is for all periods up to it.
-    assert kept(constant, points(lambda T: SpectralRadius(constant.with_period(T), "0"))) == [("1", "0.5"), ("3", "0.7"), ("4", "0.2")]
+    assert kept(constant, points(lambda T: SpectralRadius(constant.with_period(T), "0"))) == [
+        ("1", "0.5"),
+        ("3", "0.7"),
+        ("4", "0.2"),
+    ]
     down = points(lambda T: Wirtinger(constant.with_period(T), [], [], "0"))
     assert kept(constant, down) == [("1", "0.7"), ("2", "0.7"), ("3", "0.7"), ("4", "0.2")]
 
 
 def test_any_gain_is_the_best_of_everything_proved():
-    """The gain found for a rate at a short period is not the one that lasts longest: the curve's last point is proved too."""
+    """A gain found for a rate at a short period is not the one that lasts longest: the curve's last point is."""
     plant = sine(up_to("0.4"))
     card = family(method="wirtinger", objective="decay_rate")
     design = card.synthesize(plant, 1)
@@ -78,7 +82,9 @@ def test_any_gain_is_the_best_of_everything_proved():
     # Another gain's certificate proves nothing of the design's own, and nothing where it is damaged.
     other = next(c for c in design.certificates if "L" in c.data)
     for data in ({**other.data, "L": [["5"], ["5"]]}, {**other.data, "L": "x"}, {**other.data, "L": [["1"]]}):
-        damaged = replace(design, certificates=tuple(replace(c, data=data) if c is other else c for c in design.certificates))
+        damaged = replace(
+            design, certificates=tuple(replace(c, data=data) if c is other else c for c in design.certificates)
+        )
         assert card.certify(plant, damaged, 0).bounds["period_max_any_gain"].proved == check.bounds["period_max"].proved
     alone = replace(design, certificates=(other,))
     assert card.certify(plant, alone, 0).claim("convergence").status != "proved"
@@ -86,7 +92,9 @@ def test_any_gain_is_the_best_of_everything_proved():
 
 @pytest.mark.parametrize("objective", ["given_period", "max_period", "decay_rate"])
 def test_what_is_never_seen_is_refuted_at_once(objective, monkeypatch):
-    plant = linear_class([["0", "1"], ["0", "0"]], [["0", "1"]], {(1, 0): ("-0.3", "0.3")}, SamplingLaw.periodic(Exact("0.6")))
+    plant = linear_class(
+        [["0", "1"], ["0", "0"]], [["0", "1"]], {(1, 0): ("-0.3", "0.3")}, SamplingLaw.periodic(Exact("0.6"))
+    )
     for search in ("_candidates", "_certified"):  # nothing is looked for
         monkeypatch.setattr(designs._Synthesis, search, None)
     for card in (family(objective=objective), family(objective=objective, gain={"L": [["1"], ["1"]]})):
@@ -107,9 +115,17 @@ def test_pathological_sampling_is_refuted_for_every_gain():
         check = card.certify(plant, card.synthesize(plant, 0), 0)
         assert check.verdict == "refuted"
         witness = check.claim("convergence").witness
-        assert (witness.kind, witness.about, witness.times, witness.data["direction"]) == ("vector", "plant", ("pi",), ["0", "1"])
+        assert (witness.kind, witness.about, witness.times, witness.data["direction"]) == (
+            "vector",
+            "plant",
+            ("pi",),
+            ["0", "1"],
+        )
     nearby = replace(plant, sampling=SamplingLaw.periodic(Exact("3")))
-    assert family().certify(nearby, family(gain={"L": [["0.2"], ["0.1"]]}).synthesize(nearby, 0), 0).claim("every_gain") is None
+    assert (
+        family().certify(nearby, family(gain={"L": [["0.2"], ["0.1"]]}).synthesize(nearby, 0), 0).claim("every_gain")
+        is None
+    )
 
 
 def test_two_held_outputs_of_a_linear_plant():

@@ -23,7 +23,11 @@ def test_cutting_planes_find_what_all_corners_find(monkeypatch):
 
     def margin() -> float:
         return cuts.largest_margin(
-            {"P": symmetric(2)}, lambda x, A: -x["P"] @ A - A.T @ x["P"], vertices, (lambda x: x["P"],), lambda x: np.trace(x["P"]) - 1
+            {"P": symmetric(2)},
+            lambda x, A: -x["P"] @ A - A.T @ x["P"],
+            vertices,
+            (lambda x: x["P"],),
+            lambda x: np.trace(x["P"]) - 1,
         )[1]
 
     some = margin()
@@ -44,7 +48,9 @@ def test_units_leave_the_claims_alone():
     A, A_s = given.vertices[1], view.vertices[1]
     q, sigma, tau, eye = (2 / np.pi) ** 2, 0.3, 0.4, np.eye(2)
     scaled = inequality(P, U, A_s - view.gain["L"] @ view.C, view.gain["L"], view.C, q, sigma * tau, eye)
-    plain = inequality(units.states_out(P), units.outputs_out(U), A - L.floats @ given.C, L.floats, given.C, q * tau**2, sigma, eye)
+    plain = inequality(
+        units.states_out(P), units.outputs_out(U), A - L.floats @ given.C, L.floats, given.C, q * tau**2, sigma, eye
+    )
     change = np.concatenate([units.states, units.outputs])
     assert tau * plain * change * change[:, None] == pytest.approx(scaled)
 

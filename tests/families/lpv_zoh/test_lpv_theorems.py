@@ -89,7 +89,9 @@ def test_side_conditions_refuted_for_every_delta_by_brute_force():
         beta = 2 * tau**2 * high * 8.7188**2
         for delta in np.geomspace(1.0001, 100, 60):
             worst = max(
-                np.linalg.eigvalsh(P @ A_i + A_i.T @ P - Y @ C - C.T @ Y.T + Y @ Y.T + np.diag([0, 2 * tau**2 * delta]))[-1]
+                np.linalg.eigvalsh(
+                    P @ A_i + A_i.T @ P - Y @ C - C.T @ Y.T + Y @ Y.T + np.diag([0, 2 * tau**2 * delta])
+                )[-1]
                 for A_i in (np.array([[0, 1], [psi, 0]]) for psi in (-0.3, 0.3))
             )
             assert not beta < min(-worst * low, 2 * tau * (delta - 1))
@@ -139,7 +141,8 @@ def naive_rate_holds(sigma: float) -> bool:
     q = (2 * 1.5 / math.pi) ** 2
     G = np.array([[-1.0, 1.0]])
     return any(
-        np.linalg.eigvalsh(np.array([[-2 + 2 * sigma, 1.0], [1.0, -U]]) + q * U * G.T @ G)[-1] < 0 for U in np.linspace(0.2, 20, 1000)
+        np.linalg.eigvalsh(np.array([[-2 + 2 * sigma, 1.0], [1.0, -U]]) + q * U * G.T @ G)[-1] < 0
+        for U in np.linspace(0.2, 20, 1000)
     )
 
 
@@ -172,7 +175,9 @@ def test_what_the_synthesis_finds_the_analysis_proves():
 def test_time_scaling(scale):
     # x(t) at another speed: A -> s A, slopes -> s slopes, L -> s L, tau -> tau / s.
     s = Fraction(scale)
-    plant = linear_class([["0", str(s)], ["0", "0"]], [["1", "0"]], {(1, 0): (str(-s * 3 / 10), str(s * 3 / 10))}, up_to("1"))
+    plant = linear_class(
+        [["0", str(s)], ["0", "0"]], [["1", "0"]], {(1, 0): (str(-s * 3 / 10), str(s * 3 / 10))}, up_to("1")
+    )
     L = ExactMatrix([[Exact(s * Fraction("8.7188"))], [Exact(s * Fraction("7.0571"))]])
     assert Wirtinger.propose(asked(plant, L, Exact(Fraction("0.1801") / s))) is not None
     assert Wirtinger.propose(asked(plant, L, Exact(Fraction("0.1802") / s))) is None
@@ -256,7 +261,10 @@ def test_vertices_are_only_those_of_entries_that_vary():
 
 
 def test_error_maps_are_the_sampled_error():
-    for plant, L in ((sine(), PRINTED_L), (two_outputs(), ExactMatrix([[1, "0.1"], ["0.3", 0], ["0.2", 1], [0, "0.4"]]))):
+    for plant, L in (
+        (sine(), PRINTED_L),
+        (two_outputs(), ExactMatrix([[1, "0.1"], ["0.3", 0], ["0.2", 1], [0, "0.4"]])),
+    ):
         inclusion = HybridInclusion(theorems.error_maps, plant, {"L": L}, plant.sampling, plant.slopes.quantities)
         maps, n = inclusion.floats, plant.n
         for flow, A_i in zip(maps.corners(), theorems.vertices_25(PlantView.floats(plant, {})), strict=True):

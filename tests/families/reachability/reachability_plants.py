@@ -13,10 +13,18 @@ from cdobs_cli.sampling import SamplingLaw
 PRINTED = {
     "matrices": [
         [
-            [["cos(delta)", "cosh(delta)"], ["sin(delta)", "sinh(delta)", "cosh(delta)*tan(delta)", "tanh(delta)*cos(delta)"]],
+            [
+                ["cos(delta)", "cosh(delta)"],
+                ["sin(delta)", "sinh(delta)", "cosh(delta)*tan(delta)", "tanh(delta)*cos(delta)"],
+            ],
             [
                 ["-sin(delta)", "sinh(delta)"],
-                ["cos(delta)", "cosh(delta)", "(1+sinh(delta)*sin(delta))/cos(delta)", "(1+sin(delta)*sinh(delta))/cosh(delta)"],
+                [
+                    "cos(delta)",
+                    "cosh(delta)",
+                    "(1+sinh(delta)*sin(delta))/cos(delta)",
+                    "(1+sin(delta)*sinh(delta))/cosh(delta)",
+                ],
             ],
         ]
     ]

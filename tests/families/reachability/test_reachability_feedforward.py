@@ -61,7 +61,9 @@ def test_an_even_structure_has_even_bounds():
 def test_a_constant_plant_is_a_single_matrix():
     p = plant([[0, 1], [-4, 0]], [[0, 0]] * 2, [[0, 0]] * 2, [[1, 0]], 1)
     box = reachable_box(p, arb("0.5"))
-    assert box.center.floats == pytest.approx(np.array([[math.cos(1), math.sin(1) / 2], [-2 * math.sin(1), math.cos(1)]]), abs=1e-14)
+    assert box.center.floats == pytest.approx(
+        np.array([[math.cos(1), math.sin(1) / 2], [-2 * math.sin(1), math.cos(1)]]), abs=1e-14
+    )
     assert len(list(box.signs([1]))) == 1
 
 

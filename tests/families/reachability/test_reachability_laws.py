@@ -27,8 +27,12 @@ def run(family, p, effort=1):
 UNSTABLE = ([[0, 1], [5, 3]], [[0, 0], [-1, 0]], [[0, 0], [1, 0]], [[1, 0], [0, 1]])
 
 
-@pytest.mark.parametrize("law", [up_to(5), SamplingLaw.periodic(Exact(5)), SamplingLaw("aperiodic", Exact(1), Exact("1e9"))])
-@pytest.mark.parametrize("options", [{"gain": {"K": [[1, 0], [0, 1]]}}, {}, {"objective": "max_period"}, {"objective": "decay_rate"}])
+@pytest.mark.parametrize(
+    "law", [up_to(5), SamplingLaw.periodic(Exact(5)), SamplingLaw("aperiodic", Exact(1), Exact("1e9"))]
+)
+@pytest.mark.parametrize(
+    "options", [{"gain": {"K": [[1, 0], [0, 1]]}}, {}, {"objective": "max_period"}, {"objective": "decay_rate"}]
+)
 def test_a_measured_state_is_reset_under_every_law(law, options):
     family = Reachability(**options)
     design, check = run(family, plant(*UNSTABLE, law))
@@ -68,7 +72,7 @@ def test_one_output_from_period_zero():
 
 @pytest.mark.parametrize(("C_K", "holds"), [("0.6", True), ("1", True), ("1.4", True), ("2", False), ("-0.1", False)])
 def test_slopes_from_period_zero(C_K, holds):
-    """A pendulum with C K in (0, 2): the jump keeps e_1 in part, and laws [0, T] are proved by the clock-dependent function."""
+    """A pendulum with C K in (0, 2): the jump keeps e_1 in part, and laws [0, T] are proved by the clock."""
     p = symmetric_chain((1, 0), up_to("0.4"))
     _, check = run(Reachability(gain={"K": [[C_K], ["0.7"]]}), p, 0)
     assert (check.verdict == "proved") is holds

@@ -29,7 +29,9 @@ def test_the_error_stays_under_the_proved_envelope_and_V_under_its_bound(n, T):
     design = family.synthesize(p, 0)
     check = family.certify(p, design, 0)
     envelope = family.envelope(p, design, check)
-    plan = SimulationPlan(Exact(8), tuple(Exact(1) for _ in range(n)), initial_estimate=tuple(Exact(0) for _ in range(n)))
+    plan = SimulationPlan(
+        Exact(8), tuple(Exact(1) for _ in range(n)), initial_estimate=tuple(Exact(0) for _ in range(n))
+    )
     run = simulate(HybridSystem(p, family.observer(p, design)), plan, design.sampling)
     path = run.trajectories[0]
     error = np.linalg.norm(path.estimates["x_hat"] - path.x, axis=1)

@@ -149,6 +149,7 @@ def test_what_cannot_be_detected_has_no_design_and_a_reason(p):
         convergence = check.claim("convergence")
         assert "not detectable" in convergence.statement
         assert convergence.witness.kind == "vector"
+        assert Reachability().inclusion(p, design.gain).gain["K"].shape == (p.n, p.p)  # what the witness is run in
 
 
 def test_an_oscillator_sampled_off_the_half_turn_has_one():
@@ -226,7 +227,8 @@ law = SamplingLaw.periodic(Exact("0.6"))
 p = Plant(("a", "b"), (), ExactMatrix([[0, 1], [0, 0]]), (ZERO, ZERO), None, ExactMatrix([[1, 0]]),
           Slopes(ExactMatrix([[0, 0], [-1, 0]]), ExactMatrix([[0, 0], [1, 0]])), law)
 certificate = Certificate("set", law, {"form": "reduced", "Q": [["1"]], "rho_squared": "0.2"})
-check = Reachability().certify(p, Design("reachability", "given", law, {"K": ExactMatrix([["1"], ["1.6"]])}, (certificate,)), 1)
+design = Design("reachability", "given", law, {"K": ExactMatrix([["1"], ["1.6"]])}, (certificate,))
+check = Reachability().certify(p, design, 1)
 assert check.verdict == "proved", check
 loaded = {"clarabel", "cvxpy", "scipy", "matplotlib", "sympy"} & set(sys.modules)
 assert not loaded, loaded

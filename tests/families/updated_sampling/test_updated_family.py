@@ -11,13 +11,16 @@ import pytest
 from updated_plants import burst, chain, last_row, sines
 
 from cdobs_cli.certificate import Check
+from cdobs_cli.certify.methods.base import read
 from cdobs_cli.design import Design
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import parse
 from cdobs_cli.families.updated_sampling import UpdatedSampling
 from cdobs_cli.families.updated_sampling.lipschitz import constant_rate, derive_rate, magnitudes, rate_claim, typed_rate
+from cdobs_cli.families.updated_sampling.member import asked
 from cdobs_cli.families.updated_sampling.separated import modulus_bound, separated
 from cdobs_cli.families.updated_sampling.structure import problems
+from cdobs_cli.families.updated_sampling.synthesis import THEOREMS
 from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.plant import Domain, Interval, Plant
 from cdobs_cli.run import Run, SimulationPlan
@@ -72,7 +75,8 @@ def test_a_constant_period_does_more_where_c_is_known(two_states):
     certificate = design.certificates[-1]
     assert certificate.method == "constant_period"
     for data in ({**certificate.data, "c": "0.5"}, {**certificate.data, "K": [["1"], ["-1"]]}, {}):
-        again = family().certify(sines(2), replace(design, certificates=(*design.certificates[:-1], replace(certificate, data=data))), 0)
+        changed = (*design.certificates[:-1], replace(certificate, data=data))
+        again = family().certify(sines(2), replace(design, certificates=changed), 0)
         assert again.verdict == "proved"
         assert again.claim("constant_period").status == "undecided"
         assert "guaranteed_period.constant" not in again.bounds
@@ -95,10 +99,12 @@ def test_the_constants_of_the_paper():
     assert check.verdict == "proved"
     assert 9e-4 <= period(check) < 0.01
     conditions = {claim.id: claim.status for claim in check.claims if claim.id.startswith("theorem_2.")}
-    assert conditions == dict.fromkeys((f"theorem_2.{name}" for name in ("8", "9", "a_1", "alpha_m", "a_2", "a_3")), "proved")
+    names = ("8", "9", "a_1", "alpha_m", "a_2", "a_3")
+    assert conditions == dict.fromkeys((f"theorem_2.{name}" for name in names), "proved")
     for name, factor in (("a2", "0.9"), ("a3", "0.9"), ("a1", "1.1"), ("alpha", "1.5")):
         shifted = ExactMatrix([[Exact(factor) * design.gain[name][0, 0]]])
-        assert family(method="theorem_2").certify(sines(2), replace(design, gain={**design.gain, name: shifted}), 0).verdict == "undecided"
+        changed = replace(design, gain={**design.gain, name: shifted})
+        assert family(method="theorem_2").certify(sines(2), changed, 0).verdict == "undecided"
 
 
 def test_last_row_is_less_conservative(two_states):
@@ -125,6 +131,25 @@ def test_a_changed_gain_or_certificate_is_not_proved(two_states):
         changed = replace(design, certificates=(replace(certificate, data=data),))
         assert card.certify(plant, changed, 0).verdict == "undecided"
     assert card.certify(plant, replace(design, details={}), 0).verdict == "undecided"
+
+
+@pytest.mark.parametrize("method", ["theorem_2_prime", "theorem_2"])
+def test_a_theorem_is_its_certificate(method):
+    card, plant = family(method=method), sines(2)
+    design = card.synthesize(plant, 0)
+    stored = read(design.certificates[0], THEOREMS)
+    assert stored is not None and stored.gain is None
+    assert stored.method.name == method and stored.method.certificate() == design.certificates[0]
+    question = asked(card, plant, design.gain, 0)
+    proof = stored.method.prove(question)
+    claims = stored.method.claims(question, proof)
+    assert proof.holds and claims and all(claim.status == "proved" for claim in claims)
+    slow = {**design.gain, "a2": ExactMatrix([[Exact("0.5") * design.gain["a2"][0, 0]]])}
+    weaker = stored.method.prove(question.with_gain(slow))
+    assert not weaker.holds
+    assert "undecided" in {claim.status for claim in stored.method.claims(question, weaker)}
+    data = {**design.certificates[0].data, "mu": "1"}
+    assert read(replace(design.certificates[0], data=data), THEOREMS) is None
 
 
 def test_a_design_for_smaller_slopes_does_not_serve_larger_ones(two_states):
@@ -173,7 +198,14 @@ def test_irrational_numbers_of_a_given_gain():
     assert check.claim("hurwitz").status == "proved"
 
 
-def run(plant: Plant, design: Design, card: UpdatedSampling, horizon: str, start: tuple[str, ...], signals: dict[str, str]) -> Run:
+def run(
+    plant: Plant,
+    design: Design,
+    card: UpdatedSampling,
+    horizon: str,
+    start: tuple[str, ...],
+    signals: dict[str, str],
+) -> Run:
     plan = SimulationPlan(
         Exact(horizon), tuple(Exact(value) for value in start), initial_estimate=tuple(Exact(0) for _ in start),
         signals={name: parse(text, frozenset({"t"})) for name, text in signals.items()},
@@ -238,7 +270,8 @@ def test_a_smaller_stored_c_is_not_believed():
     values = magnitudes(sines(2))
     assert values is not None
     constant = constant_rate("triangular", values)
-    assert rate_claim(sines(2), replace(constant, c=parse("0.5"), largest=Exact("0.5")), "triangular").status == "undecided"
+    smaller = replace(constant, c=parse("0.5"), largest=Exact("0.5"))
+    assert rate_claim(sines(2), smaller, "triangular").status == "undecided"
 
 
 def test_secants_bound_differences_by_brute_force():
@@ -305,7 +338,8 @@ def test_check_loads_no_solver(two_states):
 
     here = Path(__file__).parent
     made = subprocess.run(
-        [sys.executable, "-c", script], input=json.dumps(two_states[0].document()), text=True, capture_output=True, check=False, timeout=60,
+        [sys.executable, "-c", script], input=json.dumps(two_states[0].document()), text=True, capture_output=True,
+        check=False, timeout=60,
         cwd=here.parents[2], env={"PYTHONPATH": f"{here}:{here.parents[2]}"},
     )  # fmt: skip
     assert made.returncode == 0, made.stderr

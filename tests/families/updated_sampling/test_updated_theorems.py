@@ -16,7 +16,7 @@ from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.families.updated_sampling.domination import largest_growth, proves_ii
 from cdobs_cli.families.updated_sampling.paper_search import largest_alpha
 from cdobs_cli.families.updated_sampling.period import Timing, float_period, guaranteed_period, lemma_1
-from cdobs_cli.families.updated_sampling.proof import alpha_m
+from cdobs_cli.families.updated_sampling.theorem_2 import alpha_m
 from cdobs_cli.families.updated_sampling.theorems import (
     Chain,
     deadbeat_gain,
@@ -40,7 +40,8 @@ def test_the_one_step_map_of_the_printed_gain_and_its_repairs():
     assert radius((-2, 1), fmpq(9, 10)) == pytest.approx(1.5321, abs=5e-5)
     assert radius((-2, -1), fmpq(9, 10)) == pytest.approx(1.25, abs=5e-3)
     assert radius((-2, -1), fmpq(1, 2)) < 1
-    assert float(spectral_radius_upper(one_step_map(Chain.exact(2), Matrix.from_rows([[-1], [fmpq(-1, 4)]]), fmpq(9, 10)))) < 1
+    repaired = one_step_map(Chain.exact(2), Matrix.from_rows([[-1], [fmpq(-1, 4)]]), fmpq(9, 10))
+    assert float(spectral_radius_upper(repaired)) < 1
 
 
 def test_the_one_step_map_is_schur_up_to_its_closed_limit():
@@ -182,5 +183,7 @@ def test_step_3_needs_the_factor_n_and_less_than_the_paper_takes():
         least, printed = theorem_2_a_2_least(n, N_1, N_2, 1.0, 1.0, max), theorem_2_a_2(n, N_1, N_2, 1.0, 1.0)
         assert least <= printed
         q = np.concatenate([np.linspace(1, 100, 20001), [1e6]])
-        holds = [bool(np.all(N_1 + N_2 * (q - 1) <= a_2 / (2 * n) * (q + 1) + 1e-9)) for a_2 in (least, 0.999 * least, printed / n)]
+        grown = N_1 + N_2 * (q - 1)
+        tried = (least, 0.999 * least, printed / n)
+        holds = [bool(np.all(grown <= a_2 / (2 * n) * (q + 1) + 1e-9)) for a_2 in tried]
         assert holds == [True, False, footnote]

@@ -9,7 +9,11 @@ from cdobs_cli.sampling import SamplingLaw
 
 
 def chain(
-    n: int, phi: list[str], slopes: list[list[str]], inputs: dict[str, tuple[str, str]] | None = None, domain: Domain | None = None
+    n: int,
+    phi: list[str],
+    slopes: list[list[str]],
+    inputs: dict[str, tuple[str, str]] | None = None,
+    domain: Domain | None = None,
 ) -> Plant:
     """Lower triangular slopes |c_ij|, given as their moduli."""
     states = tuple(f"x{i + 1}" for i in range(n))
@@ -20,7 +24,9 @@ def chain(
     lower = ExactMatrix([[-entry for entry in row] for row in upper.rows])
     C = ExactMatrix([[int(j == 0) for j in range(n)]])
     expressions = tuple(parse(text, names) for text in phi)
-    return Plant(states, known, A, expressions, None, C, Slopes(lower, upper), SamplingLaw("updated"), domain or Domain())
+    return Plant(
+        states, known, A, expressions, None, C, Slopes(lower, upper), SamplingLaw("updated"), domain or Domain()
+    )
 
 
 def sines(n: int, c: str = "1") -> Plant:

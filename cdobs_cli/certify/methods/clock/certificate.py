@@ -249,7 +249,8 @@ def _positive_on_range(P_0: Matrix, J: Matrix, kept: list[int]) -> bool:
 
 
 def _gap_from_zero(P_0: Matrix, J: Matrix, kept: list[int]) -> bool:
-    """At tau = 0: J = diag(I, j) and P(0) = diag(P_11, Q) exactly, so P(0) - J'P(0)J = diag(0, Q - j'Q j); Q - j'Q j > 0."""
+    """At tau = 0: J = diag(I, j) and P(0) = diag(P_11, Q) exactly, so P(0) - J'P(0)J = diag(0, Q - j'Q j); Q - j'Q j
+    > 0."""
     lost = [i for i in range(J.shape[0]) if i not in kept]
     if any(P_0[i, j] != 0 for i in kept for j in lost):
         return False

@@ -1,1 +1,2 @@
-"""Planar error systems whose jump clears the measured error: the exact bound of the period, for one gain and for all."""
+"""Planar error systems whose jump clears the measured error: the exact bound of the period, for one gain and for
+all."""

@@ -1,4 +1,5 @@
-"""The gains with K_1 = 1 of a planar plant with a measured first state: the exact limit of the period for all of them."""
+"""The gains with K_1 = 1 of a planar plant with a measured first state: the exact limit of the period for all of
+them."""
 
 from __future__ import annotations
 

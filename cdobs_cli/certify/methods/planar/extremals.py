@@ -88,7 +88,8 @@ class Planar(Method):
         T, refutation = lost
         return T, (
             f"Every gain K fails at the constant period {T}: on each of {refutation.cells} cells of gains one of "
-            f"{refutation.words} words of up to {refutation.longest} periods with extremal slopes has a spectral radius of at least 1."
+            f"{refutation.words} words of up to {refutation.longest} periods with extremal slopes has a "
+            f"spectral radius of at least 1."
         )
 
     @classmethod

@@ -134,8 +134,11 @@ class HeldSynthesis:
             low, high, best = (middle, high, at_middle) if at_middle.margin > 0 else (low, middle, best)
         return low, best
 
-    def longest(self, tau: float, rate: Callable[[float], float], factor: float, width: float) -> tuple[float, Proposal]:
-        """The longest period met at a rate that may depend on it: by factors from tau, then bisection. Where there is none
+    def longest(
+        self, tau: float, rate: Callable[[float], float], factor: float, width: float
+    ) -> tuple[float, Proposal]:
+        """The longest period met at a rate that may depend on it: by factors from tau, then bisection. Where there
+        is none
         the last period tried, with a margin that is not positive."""
         low, steps, best = tau, 0, self.design(tau, rate(tau))
         while not best.margin > 0 and steps < search.STEPS:
