@@ -117,8 +117,8 @@ def _is_made(plant: Plant, entry: Entry) -> bool:
 def resolve(plant: Plant, *, together: bool = True) -> tuple[Plant, dict[str, tuple[str, str]]]:
     """Proved bounds for the entries declared `auto`, rounded outwards to short decimals.
 
-    Returns: the plant with these bounds, and the bounds by entry, {"2.1": (lower, upper)}, from 1, and by function where
-    several entries share some, {"rho1": (lower, upper)}. An entry for which no finite bound was proved stays in
+    Returns: the plant with these bounds, and the bounds by entry, {"2.1": (lower, upper)}, from 1, and by function
+    where several entries share some, {"rho1": (lower, upper)}. An entry for which no finite bound was proved stays in
     `slopes.auto`.
 
     Args:

@@ -209,6 +209,12 @@ def _certificate_claims(judgement: Judgement) -> list[Claim]:
     """Those of the design's gain and law, then of each rung the longest period for this gain and for some gain."""
     here = judgement.here
     claims = [claim for item in here for claim in item.method.claims(judgement.question, item.proof)]
+    for item in judgement.items:
+        if item.method.reach == "some gain" and item.proof.holds:
+            name, method = f"period_max_any_gain.{item.method.rung}", item.method
+            claims.append(
+                Claim(name, "certificate", "proved", f"{method.statement}.", method.source, method=method.how)
+            )
     others = [item for item in judgement.converging if item not in here]
     for item in sorted(others, key=lambda item: (not item.proof.holds, -float(item.T))):
         whose, name = ("This", "period_max") if item.own else ("Some", "period_max_any_gain")
@@ -257,9 +263,6 @@ def _endless(method: str, about: str) -> Bound:
 def _brackets(judgement: Judgement, own: list[Judged]) -> dict[str, Bound]:
     """Of the design's gain: the longest period proved, by each rung too, and the shortest refuted above it."""
     question, about = judgement.question, f"this gain, {judgement.law.open_end}"
-    endless = next((item.method for item in own if item.method.endless), None)
-    if endless is not None:
-        return {"period_max": _endless(endless.name, endless.statement)}
     best = _longest(own)
     failing = smallest_refuted(lambda T: question.at(T).inclusion, None if best is None else best.T, question.effort)
     refuted = None if failing is None else _above(failing[0])
@@ -274,8 +277,8 @@ def _brackets(judgement: Judgement, own: list[Judged]) -> dict[str, Bound]:
 
 def _any_gain(judgement: Judgement) -> dict[str, Bound]:
     """Of all gains: the longest period proved of one of them, the shortest at which every one fails."""
-    some = [item for item in judgement.items if item.method.reach == "some gain" and item.proof.holds]
-    endless = next((item.method for item in (*some, *judgement.usable) if item.method.endless), None)
+    some = (item for item in judgement.items if item.method.reach == "some gain" and item.proof.holds)
+    endless = next((item.method for item in some if item.method.endless), None)
     if endless is not None:
         return {"period_max_any_gain": _endless(endless.name, endless.statement)}
     best, ends = _longest(judgement.usable), [item.T for item in judgement.hopeless]

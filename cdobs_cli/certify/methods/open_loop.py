@@ -15,7 +15,7 @@ import numpy as np
 from cdobs_cli.certify.cuts import MOST_CORNERS, largest_margin
 from cdobs_cli.certify.definite import has_positive_pivots
 from cdobs_cli.certify.lmi import symmetric
-from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question
+from cdobs_cli.certify.methods.base import Method, Proof, Question, Reach
 from cdobs_cli.certify.methods.clock.form import lyapunov
 from cdobs_cli.certify.texts import rate_of, symmetric_from_upper, upper_texts
 from cdobs_cli.exact.numbers import fraction_text
@@ -35,11 +35,12 @@ class OpenLoop(Method):
     source: ClassVar[str] = "common quadratic function of the plant alone"
     how: ClassVar[str] = "pivots of LDL' in balls"
     statement: ClassVar[str] = "The error decays by itself, without any sample"
+    reach: ClassVar[Reach] = "some gain"
     endless: ClassVar[bool] = True
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:
-        """For the gain 0, whatever the question's."""
+        """It is about the gain 0, whatever the question's."""
         view = question.inclusion.view_floats
         if 2 ** len(view.quantities) > MOST_CORNERS:
             return None
@@ -61,9 +62,7 @@ class OpenLoop(Method):
         return alone if alone._holds(question) else None
 
     def _prove(self, question: Question) -> Proof:
-        gains = question.inclusion.gain.values()
-        is_zero = all(entry.sign() == 0 for gain in gains for row in gain.rows for entry in row)
-        return Proof.of(is_zero and self._holds(question), rate_of(self.sigma)) if self.law.is_bounded else NOTHING
+        return Proof.of(self.law.is_bounded and self._holds(question), rate_of(self.sigma))
 
     def _holds(self, question: Question) -> bool:
         P, sigma = symmetric_from_upper(self.P), rate_of(self.sigma)
