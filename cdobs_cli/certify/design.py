@@ -18,6 +18,7 @@ from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.dead_beat import DeadBeat, EveryPeriod, resets
 from cdobs_cli.certify.methods.open_loop import OpenLoop
 from cdobs_cli.certify.methods.rung import Rung, fastest
+from cdobs_cli.certify.reasons import costliest
 from cdobs_cli.certify.unseen import unseen
 from cdobs_cli.design import Design, Outcome
 from cdobs_cli.exact.numbers import ExactMatrix
@@ -134,8 +135,17 @@ class _Synthesis:
         best = max(candidates, key=lambda candidate: float(candidate.law.T_max), default=None)
         if best is None:
             return self._without(reason)
-        told = f"{reason}; the longest period with a proof is {best.law.T_max}, whose gain is kept"
-        return self._certified("short", replace(best, law=law), (), told)
+        told = f"{reason}; the longest period met with a proof is {best.law.T_max}, whose gain is kept"
+        costly = costliest(self.plant, self._quickly)
+        advice = f"; {costly}" if costly is not None else ""
+        return self._certified("short", replace(best, law=law), (), f"{told}{advice}")
+
+    def _quickly(self, plant: Plant) -> float:
+        """The longest period that a search at effort 0 reaches."""
+        question = self.card.question(plant, {}, 0).with_rate(self.asked.rate)
+        searches = self.card.gain_searches(question)[:1]
+        met = (way.nearest(question) for way in searches)
+        return max((float(one.law.T_max) for one in met if one is not None), default=0.0)
 
     def _without(self, reason: str) -> Design:
         beyond, details = self.card.beyond(self.question, ())

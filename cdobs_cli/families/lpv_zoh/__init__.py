@@ -109,7 +109,7 @@ class LpvZeroOrderHold(ConstantGain):
     def refuses(self, plant: Plant) -> str | None:
         from cdobs_cli.families.lpv_zoh.search_plan import too_many_corners
 
-        return too_many_corners(plant)
+        return too_many_corners(plant) or super().refuses(plant)
 
     def beyond(self, question: Question, own: Sequence[Method]) -> tuple[list[Certificate], dict[str, Any]]:
         from cdobs_cli.families.lpv_zoh.search_plan import beyond

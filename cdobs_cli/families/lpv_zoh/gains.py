@@ -53,7 +53,7 @@ class HeldGain(GainSearch):
         T, synthesis = question.law.T_max, HeldSynthesis(question.plant)
         sigma, best = synthesis.fastest(float(T))
         if not best.margin > 0:
-            raise NoDesignError(f"the Wirtinger inequality was solved for no gain at the period {T}")
+            raise NoDesignError(f"no gain was proved for T_k up to {T}")
         for share in shares:
             synthesis.epsilon = best.epsilon
             proposal = synthesis.redesign(float(T), share * sigma)
@@ -70,7 +70,7 @@ class HeldGain(GainSearch):
             float(question.law.T_max), lambda T: max(wanted, RATE_SHARE / T), search.FACTOR, 5e-4
         )
         if not best.margin > 0:
-            raise NoDesignError(f"the Wirtinger inequality was solved for no gain, down to the period {short(low)}")
+            raise NoDesignError(f"no gain was proved, down to the period {short(low)}")
         for share in (1.0, 0.9995, 0.998, 0.99, 0.95, 0.9):
             T = short(share * low)
             sigma = max(question.rate, rate_over(T, RATE_SHARE))

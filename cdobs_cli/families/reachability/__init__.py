@@ -110,11 +110,6 @@ class Reachability(ConstantGain):
 
         return gain_searches(self, question)
 
-    def refuses(self, plant: Plant) -> str | None:
-        from cdobs_cli.families.reachability.detectability import undetectable
-
-        return undetectable(plant)
-
     def why_nothing(self, question: Question) -> str:
         from cdobs_cli.families.reachability.search_plan import why_nothing
 
