@@ -76,13 +76,13 @@ def _together(spec: Spec, effort: int) -> Design | None:
     if saturate in (None, True) or joint_slopes(spec.plant) is None:
         return None
     if initial_errors(spec) is None:
-        design = _design_over(spec.plant.widened(_part_of_domain(spec.plant)), spec, effort, together=True)
-    else:
-        design = _design_over(spec.plant, spec, effort, together=True)
-        margin = _margin_needed(spec, design) if design.outcome != "none" and design.estimate.way == "open" else {}
-        if margin:
-            design = _design_over(spec.plant.widened(margin), spec, effort, together=True)
-    return design
+        return _design_over(spec.plant.widened(_part_of_domain(spec.plant)), spec, effort, together=True)
+    design = _design_over(spec.plant, spec, effort, together=True)
+    if design.outcome == "none" or _serves(design):
+        return design
+    margin = _margin_needed(spec, design)
+    wider = _design_over(spec.plant.widened(margin), spec, effort, together=True) if margin else design
+    return wider if _serves(wider) else design
 
 
 def _part_of_domain(plant: Plant) -> dict[str, Exact]:

@@ -199,8 +199,7 @@ def _conclusion(judgement: Judgement, hidden: Unseen | None, claims: Sequence[Cl
             judgement, "refuted", f"{statement}: no gain survives it", method=defeated.method.name, witness=witness
         )
     if witness is None:
-        reason = f" {judgement.design.reason}." if judgement.design.reason else ""
-        return _convergence(judgement, "undecided", f"{statement}{reason}")
+        return _convergence(judgement, "undecided", statement)
     method = _UNSEEN if witness.kind == "vector" else f"{witness.kind} slopes"
     return _convergence(judgement, "refuted", statement, method=method, witness=witness)
 
