@@ -40,20 +40,21 @@ def system_of(spec: Spec, design: Design) -> HybridSystem:
 
 
 def new_design(spec: Spec, effort: int) -> Design:
-    """A design. Where automatic slopes share functions: the one whose entries move together, if its estimate is
-    shown to
-    stay for the typed initial errors; else the better of that one, for initial errors of its own, and of the one whose
-    entries move by themselves, which the continuation serves."""
+    """A design. Where automatic slopes share functions: the one whose entries move together, if its estimate is shown
+    to stay for the typed initial errors; else the better of that one, for initial errors of its own, and of the one
+    whose entries move by themselves, which the continuation serves."""
     plant = spec.plant
     if not plant.slopes.auto:
         return _design_over(plant, spec, effort)
     together = _together(spec, effort)
     if together is not None and together.estimate.way == "everywhere":
         return together
-    if together is not None and together.estimate.way == "margin" and initial_errors(spec) is not None:
+    if together is not None and _holds_from_start(spec, together):
         return together
     apart = _apart(spec, effort)
-    if together is None or (_serves(apart) and not (_serves(together) and _is_longer(spec, together, apart))):
+    if together is None:
+        return apart
+    if _serves(apart) and not (_serves(together) and _says_more(spec, together, apart)):
         return apart
     # Where neither serves, what is said is said of the smaller class.
     return together
@@ -63,8 +64,21 @@ def _serves(design: Design) -> bool:
     return design.outcome != "none" and design.estimate.way != "open"
 
 
-def _is_longer(spec: Spec, design: Design, other: Design) -> bool:
-    """Under max_period: whether the first is for longer periods."""
+def _holds_from_start(spec: Spec, design: Design) -> bool:
+    """Whether the estimate stays within a margin for the initial errors that are typed."""
+    start = initial_errors(spec)
+    if start is None or design.estimate.way != "margin":
+        return False
+    held = design.estimate.initial_errors
+    ends = zip(held.lower, start.lower, start.upper, held.upper, strict=True)
+    return all(low.is_at_most(below) and above.is_at_most(high) for low, below, above, high in ends)
+
+
+def _says_more(spec: Spec, design: Design, other: Design) -> bool:
+    """Whether the first is for longer periods under max_period; of a given gain, whether it alone is proved."""
+    if design.outcome == "given":
+        first, second = (spec.observer.certify(plant_of(spec, one), one, 0).verdict for one in (design, other))
+        return first == "proved" != second
     longer = float(design.sampling.T_max) > float(other.sampling.T_max)
     return longer and getattr(spec.observer, "objective", None) == "max_period"
 

@@ -114,15 +114,15 @@ def _margin_for(plant: Plant, transients: Sequence[Transient], start: Box) -> Co
 
 
 def _margin_of_its_own(plant: Plant, transients: Sequence[Transient]) -> Confinement | None:
-    """A margin, and the cube of initial errors whose transient does not pass it."""
-    boxes = (plant.domain.box.get(name, Interval(None, None)) for name in plant.states)
-    ends = [(float(one.lower), float(one.upper)) for one in boxes if one.lower is not None and one.upper is not None]
-    widths = [high - low for low, high in ends if high > low]
-    size = Fraction(f"{min(widths, default=1.0):.3g}")
+    """A margin, and a box of initial errors, in parts of the domain's widths, whose transient does not pass it."""
+    ends = (plant.domain.box.get(name, Interval(None, None)) for name in plant.states)
+    widths = [None if e.lower is None or e.upper is None else float(e.upper) - float(e.lower) for e in ends]
+    least = min([width for width in widths if width], default=1.0)
+    sizes = [Fraction(f"{width or least:.3g}") for width in widths]
     for part in _PARTS:
-        radius = Exact(size * part)
-        cube = Box((-radius,) * plant.n, (radius,) * plant.n)
-        if (within := _margin_for(plant, transients, cube)) is not None:
+        radii = tuple(Exact(size * part) for size in sizes)
+        within = _margin_for(plant, transients, Box(tuple(-radius for radius in radii), radii))
+        if within is not None:
             return within
     return None
 
