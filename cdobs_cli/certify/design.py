@@ -21,6 +21,7 @@ from cdobs_cli.certify.methods.rung import Rung, fastest
 from cdobs_cli.certify.reasons import costliest
 from cdobs_cli.certify.unseen import unseen
 from cdobs_cli.design import Design, Outcome
+from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
@@ -179,6 +180,15 @@ class _Synthesis:
                 if rung.name != done or self.objective != "max_period":
                     longest = rung.longest(question.afresh())
                     own += [longest] if longest is not None else []
+        if (
+            outcome != "short"
+            and self.asked.rate
+            and not any(method.prove(question).rate >= fraction_ball(self.asked.rate) for method in own)
+        ):
+            at_rate = question.with_rate(self.asked.rate)
+            proposals = (rung.propose(at_rate.afresh()) for rung in self.card.rungs(at_rate))
+            at_rate_proved = next((one for one in proposals if one is not None), None)
+            own += [at_rate_proved] if at_rate_proved is not None else []
         certificates = [method.certificate() for method in own]
         certificates += [one.method.certificate({letter: one.gain}) for one in others if one.method is not None]
         beyond, details = self.card.beyond(question, own)

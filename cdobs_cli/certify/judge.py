@@ -191,7 +191,9 @@ def _conclusion(judgement: Judgement, hidden: Unseen | None, claims: Sequence[Cl
         by = next((claim.id for claim in claims if claim.status == "proved" and claim.id.startswith(by)), by)
         return _convergence(judgement, "proved", statement, margin=margin, method=best.method.name, by=by)
     plant, question = judgement.plant, judgement.question
-    witness = hidden.witness(plant) if hidden is not None else refute(question.inclusion, question.effort)
+    witness = hidden.witness(plant) if hidden is not None else None
+    if witness is None and judgement.design.outcome != "short":  # of a gain kept for shorter periods nothing is asked
+        witness = refute(question.inclusion, question.effort)
     defeated = next((item for item in judgement.hopeless if judgement.law.contains(item.method.law)), None)
     if witness is None and defeated is not None:
         witness = Witness("vector", "class", data=dict(defeated.method.certificate().data))
