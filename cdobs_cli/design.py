@@ -12,7 +12,7 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.plant import Box
 from cdobs_cli.sampling import SamplingLaw
 
-Outcome = Literal["found", "given", "none"]
+Outcome = Literal["found", "given", "short", "none"]
 Way = Literal["everywhere", "margin", "continuation", "cut", "open"]
 
 
@@ -66,7 +66,8 @@ class Design(Artefact):
     """What `synthesize` made.
 
     gain: matrices by their paper letter (scalars are 1 x 1), exact decimals. slopes: bounds found for
-    entries declared `auto`, {"i.j": [lower, upper]}. reason: why there is no design, with outcome `none`.
+    entries declared `auto`, {"i.j": [lower, upper]}. reason: why there is no design, with outcome `none`,
+    or why it falls short of what was asked, with `short`.
     details: what a family wants to keep for its report (plain JSON).
     """
 

@@ -138,7 +138,10 @@ def _certify(work: Work, design: Design) -> Check:
     if spec.coordinates is not None:
         premises = spec.coordinates.premises(premises)
     domain = spec.typed.domain if spec.typed else plant.domain
-    claims = with_conditions((*premises, *proved.claims), plant, design.estimate, domain, disturbed=family.disturbed)
+    claims = with_conditions(
+        (*premises, *proved.claims), plant, design.estimate, domain, disturbed=family.disturbed,
+        reason=design.reason if design.outcome == "short" else None,
+    )  # fmt: skip
     judged = Check(claims, proved.bounds)
     return replace(judged, bounds=proved_of_the_plant(judged, design.sampling, design.estimate))
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from cdobs_cli.bounds.joint import joint_slopes
+from cdobs_cli.bounds.slopes import is_shared, resolve, unbounded_claims, with_found
 from cdobs_cli.design import Design
 from cdobs_cli.exact.numbers import Exact, upper_text
 from cdobs_cli.hybrid import HybridSystem
@@ -15,6 +17,8 @@ if TYPE_CHECKING:
 
 # Room for a transient that grows as the slopes over a wider domain do.
 _SPARE = 1.5
+# Of the width of the domain: how far its slopes are looked at beyond it where no initial error is typed.
+_PART = Exact("1/256")
 
 
 def initial_errors(spec: Spec) -> Box | None:
@@ -26,7 +30,7 @@ def initial_errors(spec: Spec) -> Box | None:
 
 def plant_of(spec: Spec, design: Design) -> Plant:
     """The plant with the slopes that the design found where they are `auto`; as it is where it found none."""
-    return spec.plant.with_slopes(design.slopes) if design.slopes else spec.plant
+    return with_found(spec.plant, design.slopes) if design.slopes else spec.plant
 
 
 def system_of(spec: Spec, design: Design) -> HybridSystem:
@@ -36,12 +40,75 @@ def system_of(spec: Spec, design: Design) -> HybridSystem:
 
 
 def new_design(spec: Spec, effort: int) -> Design:
-    """A design: of the regions that automatic slopes may be found over the first that leaves the estimate room, else
-    the one for the domain itself."""
+    """A design. Where automatic slopes share functions: the one whose entries move together, if its estimate is shown
+    to stay for the typed initial errors; else the better of that one, for initial errors of its own, and of the one
+    whose entries move by themselves, which the continuation serves."""
     plant = spec.plant
     if not plant.slopes.auto:
         return _design_over(plant, spec, effort)
-    saturate = getattr(spec.observer, "saturate", False)
+    together = _together(spec, effort)
+    if together is not None and together.estimate.way == "everywhere":
+        return together
+    if together is not None and _holds_from_start(spec, together):
+        return together
+    apart = _apart(spec, effort)
+    if together is None:
+        return apart
+    if _serves(apart) and not (_serves(together) and _says_more(spec, together, apart)):
+        return apart
+    # Where neither serves, what is said is said of the smaller class.
+    return together
+
+
+def _serves(design: Design) -> bool:
+    return design.outcome != "none" and design.estimate.way != "open"
+
+
+def _holds_from_start(spec: Spec, design: Design) -> bool:
+    """Whether the estimate stays within a margin for the initial errors that are typed."""
+    start = initial_errors(spec)
+    if start is None or design.estimate.way != "margin":
+        return False
+    held = design.estimate.initial_errors
+    ends = zip(held.lower, start.lower, start.upper, held.upper, strict=True)
+    return all(low.is_at_most(below) and above.is_at_most(high) for low, below, above, high in ends)
+
+
+def _says_more(spec: Spec, design: Design, other: Design) -> bool:
+    """Whether the first is for longer periods under max_period; of a given gain, whether it alone is proved."""
+    if design.outcome == "given":
+        first, second = (spec.observer.certify(plant_of(spec, one), one, 0).verdict for one in (design, other))
+        return first == "proved" != second
+    longer = float(design.sampling.T_max) > float(other.sampling.T_max)
+    return longer and getattr(spec.observer, "objective", None) == "max_period"
+
+
+def _together(spec: Spec, effort: int) -> Design | None:
+    """The design for slopes that move together, its estimate within a margin of the domain; None where they share
+    nothing."""
+    saturate = getattr(spec.observer, "saturate", None)
+    if saturate in (None, True) or joint_slopes(spec.plant) is None:
+        return None
+    if initial_errors(spec) is None:
+        return _design_over(spec.plant.widened(_part_of_domain(spec.plant)), spec, effort, together=True)
+    design = _design_over(spec.plant, spec, effort, together=True)
+    if design.outcome == "none" or _serves(design):
+        return design
+    margin = _margin_needed(spec, design)
+    wider = _design_over(spec.plant.widened(margin), spec, effort, together=True) if margin else design
+    return wider if _serves(wider) else design
+
+
+def _part_of_domain(plant: Plant) -> dict[str, Exact]:
+    """A margin for initial errors that nobody typed."""
+    ends = ((name, box.lower, box.upper) for name, box in plant.domain.box.items())
+    return {name: (high - low) * _PART for name, low, high in ends if low is not None and high is not None}
+
+
+def _apart(spec: Spec, effort: int) -> Design:
+    """The design for slopes that move by themselves: of the regions that they may be found over the first that leaves
+    the estimate room, else the one for the domain itself."""
+    plant, saturate = spec.plant, getattr(spec.observer, "saturate", False)
     # With affine limits the continuation needs slopes on the whole box: wherever the estimate goes, that one serves.
     if plant.domain.where and saturate is not False:
         design = _design_over(plant.on_box, spec, effort)
@@ -52,23 +119,21 @@ def new_design(spec: Spec, effort: int) -> Design:
         return design
     margin = {} if saturate is True else _margin_needed(spec, design)
     wider = _design_over(plant.widened(margin), spec, effort) if margin else design
-    return wider if wider.outcome != "none" and wider.estimate.way != "open" else design
+    return wider if _serves(wider) else design
 
 
-def _design_over(region: Plant, spec: Spec, effort: int) -> Design:
+def _design_over(region: Plant, spec: Spec, effort: int, *, together: bool = False) -> Design:
     """A design, its automatic slopes found over the domain of `region`, with what the solver was asked for it."""
     from cdobs_cli.certify.lmi import solver_log, summary
 
     plant, observer = spec.plant, spec.observer
     slopes: dict[str, tuple[str, str]] = {}
     if plant.slopes.auto:
-        from cdobs_cli.bounds.slopes import resolve, unbounded_claims
-
-        resolved, slopes = resolve(region)
+        resolved, slopes = resolve(region, together=together)
         if resolved.slopes.auto:
             reason = "; ".join(claim.statement for claim in unbounded_claims(resolved))
             return Design(observer.name, "none", plant.sampling, {}, reason=reason)
-        plant = plant.with_slopes(slopes)
+        plant = with_found(plant, slopes)
     with solver_log() as records:
         design = observer.synthesize(plant, effort)
     design = replace(design, slopes=slopes, solver=summary(records))
@@ -116,7 +181,8 @@ def _holds_what_is_given(spec: Spec, stored: Design) -> bool:
     if stored.outcome == "none":
         return True
     typed = getattr(spec.observer, "gain", None) is not None
-    if (stored.outcome == "given") != typed or stored.slopes.keys() != {f"{i + 1}.{j + 1}" for i, j in auto}:
+    alone = {name for name in stored.slopes if not is_shared(name)}  # `system_of` reads the others
+    if (stored.outcome == "given") != typed or alone != {f"{i + 1}.{j + 1}" for i, j in auto}:
         return False
     return given.keys() == stored.gain.keys() and _is_confined_as_typed(spec, stored)
 

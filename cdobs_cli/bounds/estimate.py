@@ -13,7 +13,7 @@ Otherwise it is `open`, and nothing is proved of the observer.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from typing import Literal
@@ -23,10 +23,11 @@ from flint import arb
 from cdobs_cli.bounds.definedness import defined, is_total
 from cdobs_cli.bounds.ranges import Range, range_of
 from cdobs_cli.bounds.region import Region
-from cdobs_cli.bounds.slopes import decide, varying
+from cdobs_cli.bounds.slopes import claimed, decide, varying
 from cdobs_cli.certificate import Claim, Status
 from cdobs_cli.design import Confinement
-from cdobs_cli.exact.numbers import Exact, upper_text
+from cdobs_cli.exact.expression import Expression
+from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, upper_text
 from cdobs_cli.plant import Box, Domain, Interval, Plant
 
 Saturate = Literal["auto"] | bool
@@ -52,9 +53,14 @@ def confine(plant: Plant, saturate: Saturate, transients: Sequence[Transient], s
         within = _margin_for(plant, transients, _symmetric(start))
         if within is not None:
             return within
-    if saturate is not False and (not plant.domain.where or _slopes_hold(plant.on_box)):
+    if saturate is not False and _is_continued(plant):
         return Confinement("continuation")
     return (_margin_of_its_own(plant, transients) if saturate is not True else None) or Confinement("open")
+
+
+def _is_continued(plant: Plant) -> bool:
+    """Whether the continuation keeps the slope class: entries that move by themselves, on the whole box."""
+    return not plant.slopes.joint and (not plant.domain.where or _slopes_hold(plant.on_box))
 
 
 def _symmetric(start: Box) -> Box:
@@ -73,8 +79,7 @@ def holds_everywhere(plant: Plant) -> bool:
     region = Region.of(replace(plant, domain=Domain()))
     if any(set(plant.states) & phi.variables and not is_total(phi) for phi in plant.phi):
         return False
-    ranges = ((at, range_of(slope, region.box)) for at, slope in varying(plant))
-    return all(_is_between(values, plant.slopes.lower[at], plant.slopes.upper[at]) for at, values in ranges)
+    return all(_is_between(range_of(slope, region.box), low, high) for slope, low, high in claimed(plant))
 
 
 def _is_between(values: Range, low: Exact, high: Exact) -> bool:
@@ -86,11 +91,13 @@ def _is_between(values: Range, low: Exact, high: Exact) -> bool:
 def _slopes_hold(plant: Plant, *, zeros: bool = False) -> bool:
     """Whether phi is defined and its slopes are proved all over the domain: all of them, or those declared to be 0
     (where the family proves the other ones itself)."""
-    region, bounds = Region.of(plant), plant.slopes
+    region = Region.of(plant)
     if not all(is_total(phi) or defined(phi, region).status == "proved" for phi in plant.phi):
         return False
-    judged = ((at, slope) for at, slope in varying(plant) if not zeros or at not in bounds.entries)
-    return all(decide(slope, bounds.lower[at], bounds.upper[at], region).status == "proved" for at, slope in judged)
+    judged: Iterable[tuple[Expression, Exact, Exact]] = claimed(plant)
+    if zeros:
+        judged = ((slope, EXACT_ZERO, EXACT_ZERO) for at, slope in varying(plant) if at not in plant.slopes.entries)
+    return all(decide(*one, region).status == "proved" for one in judged)
 
 
 def _margin_for(plant: Plant, transients: Sequence[Transient], start: Box) -> Confinement | None:
@@ -107,15 +114,15 @@ def _margin_for(plant: Plant, transients: Sequence[Transient], start: Box) -> Co
 
 
 def _margin_of_its_own(plant: Plant, transients: Sequence[Transient]) -> Confinement | None:
-    """A margin, and the cube of initial errors whose transient does not pass it."""
-    boxes = (plant.domain.box.get(name, Interval(None, None)) for name in plant.states)
-    ends = [(float(one.lower), float(one.upper)) for one in boxes if one.lower is not None and one.upper is not None]
-    widths = [high - low for low, high in ends if high > low]
-    size = Fraction(f"{min(widths, default=1.0):.3g}")
+    """A margin, and a box of initial errors, in parts of the domain's widths, whose transient does not pass it."""
+    ends = (plant.domain.box.get(name, Interval(None, None)) for name in plant.states)
+    widths = [None if e.lower is None or e.upper is None else float(e.upper) - float(e.lower) for e in ends]
+    least = min([width for width in widths if width], default=1.0)
+    sizes = [Fraction(f"{width or least:.3g}") for width in widths]
     for part in _PARTS:
-        radius = Exact(size * part)
-        cube = Box((-radius,) * plant.n, (radius,) * plant.n)
-        if (within := _margin_for(plant, transients, cube)) is not None:
+        radii = tuple(Exact(size * part) for size in sizes)
+        within = _margin_for(plant, transients, Box(tuple(-radius for radius in radii), radii))
+        if within is not None:
             return within
     return None
 
@@ -135,7 +142,7 @@ def _judge(plant: Plant, confinement: Confinement, transients: Sequence[Transien
     match confinement.way:
         case "everywhere" if holds_everywhere(plant):
             return "proved", "the slopes hold wherever the estimate goes"
-        case "continuation" if not plant.domain.where or _slopes_hold(plant.on_box):
+        case "continuation" if _is_continued(plant):
             beyond = "outside the box of the domain the observer continues phi linearly"
             return "proved", f"{beyond}, so the slopes hold wherever the estimate goes"
         case "cut" if _slopes_hold(plant.on_box, zeros=True):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import isfinite
@@ -12,6 +12,7 @@ from flint import arb
 from cdobs_cli.bounds.bounded import FULL, bounded, least_bound
 from cdobs_cli.bounds.definedness import Definedness, defined, defined_claim, is_total
 from cdobs_cli.bounds.invariance import domain_invariant
+from cdobs_cli.bounds.joint import joint_slopes
 from cdobs_cli.bounds.points import high_points
 from cdobs_cli.bounds.ranges import Point, known_range, value_at
 from cdobs_cli.bounds.region import Region, point_balls, point_witness
@@ -19,8 +20,8 @@ from cdobs_cli.bounds.supremum import Bounded
 from cdobs_cli.certificate import Claim, Status, Witness
 from cdobs_cli.exact.expression import ONE, ZERO, Expression
 from cdobs_cli.exact.numbers import Exact, fraction_text, lower_text, upper_text
-from cdobs_cli.exact.rational import simplify
-from cdobs_cli.plant import Plant
+from cdobs_cli.exact.rational import is_zero, simplify
+from cdobs_cli.plant import Entry, Plant, Quantity
 
 SOURCE = "the slope premise of every family (Dinh2014, Assumption 1; Boukal2020, Section II)"
 
@@ -40,7 +41,9 @@ def slope_claims(plant: Plant) -> tuple[Claim, ...]:
     region = Region.of(plant)
     judged = tuple(defined(phi, region) for phi in plant.phi)
     entries = dict.fromkeys(plant.slopes.entries, ZERO) | dict(varying(plant))
-    claims = [_claim(plant, *at, entries[at], region, judged[at[0]]) for at in sorted(entries)]
+    alone = sorted(entries.keys() - plant.slopes.shared)
+    claims = [_claim(plant, *at, entries[at], region, judged[at[0]]) for at in alone]
+    claims += [_joint_claim(plant, rho, region, judged) for rho in plant.slopes.joint]
     if not all(map(is_total, plant.phi)):
         claims.append(defined_claim(judged, region))
     if plant.domain:
@@ -55,6 +58,13 @@ def varying(plant: Plant) -> Iterator[tuple[tuple[int, int], Expression]]:
             slope = phi.derivative(name)
             if slope != ZERO:
                 yield (i, j), slope
+
+
+def claimed(plant: Plant) -> Iterator[tuple[Expression, Exact, Exact]]:
+    """Functions with the bounds that the slope class claims: entries by themselves, then those that entries share."""
+    slopes = plant.slopes
+    yield from ((slope, slopes.lower[at], slopes.upper[at]) for at, slope in varying(plant) if at not in slopes.shared)
+    yield from ((rho.function, rho.lower, rho.upper) for rho in slopes.joint if rho.function is not None)
 
 
 def _claim(plant: Plant, i: int, j: int, slope: Expression, region: Region, judged: Definedness) -> Claim:
@@ -75,11 +85,44 @@ def _claim(plant: Plant, i: int, j: int, slope: Expression, region: Region, judg
     )  # fmt: skip
 
 
-def resolve(plant: Plant) -> tuple[Plant, dict[str, tuple[str, str]]]:
+def _joint_claim(plant: Plant, rho: Quantity, region: Region, judged: Sequence[Definedness]) -> Claim:
+    """A function that several entries share: its bounds, and that these entries are what it and the others make."""
+    assert rho.function is not None
+    moved = ", ".join(f"d phi_{i + 1} / d {plant.states[j]}" for (i, j), _ in rho.weights)
+    bounds = f"{rho.lower} <= {rho.name} = {rho.function} <= {rho.upper} for {region.text()}"
+    decided = decide(rho.function, rho.lower, rho.upper, region)
+    if decided.status == "proved" and not all(_is_made(plant, entry) for entry, _ in rho.weights):
+        reason = "these slopes are not what the functions make"
+        decided = Decision("undecided", "canonical forms", reason=reason)
+    elif decided.status == "proved" and not all(judged[i].status == "proved" for (i, _), _ in rho.weights):
+        decided = Decision("undecided", "definedness", reason="phi is not proved to be defined there")
+    why = "" if decided.reason is None else f": {decided.reason}"
+    return Claim(
+        f"slopes.{rho.name}", "premise", decided.status, f"{bounds}, which moves {moved} together{why}", SOURCE,
+        required=True, margin=decided.margin, method=decided.method, witness=decided.witness,
+    )  # fmt: skip
+
+
+def _is_made(plant: Plant, entry: Entry) -> bool:
+    """Whether an entry is exactly its offset and what the joint functions add."""
+    i, j = entry
+    total = plant.slopes.constant(entry).expression
+    for rho in plant.slopes.joint:
+        for at, weight in rho.weights:
+            if at == entry and rho.function is not None:
+                total = total + weight.expression * rho.function
+    return is_zero(plant.phi[i].derivative(plant.states[j]) - total)
+
+
+def resolve(plant: Plant, *, together: bool = True) -> tuple[Plant, dict[str, tuple[str, str]]]:
     """Proved bounds for the entries declared `auto`, rounded outwards to short decimals.
 
-    Returns: the plant with these bounds, and the bounds by entry, {"2.1": (lower, upper)}, from 1. An entry
-    for which no finite bound was proved stays in `slopes.auto`.
+    Returns: the plant with these bounds, and the bounds by entry, {"2.1": (lower, upper)}, from 1, and by function
+    where several entries share some, {"rho1": (lower, upper)}. An entry for which no finite bound was proved stays in
+    `slopes.auto`.
+
+    Args:
+        together: whether entries that share functions are to move together.
     """
     region = Region.of(plant)
     found = {}
@@ -88,7 +131,38 @@ def resolve(plant: Plant) -> tuple[Plant, dict[str, tuple[str, str]]]:
         if bounds is not None:
             found[f"{i + 1}.{j + 1}"] = bounds
     missing = frozenset((i, j) for i, j in plant.slopes.auto if f"{i + 1}.{j + 1}" not in found)
-    return replace(plant, slopes=replace(plant.slopes, auto=missing)) if missing else plant.with_slopes(found), found
+    if missing:
+        return replace(plant, slopes=replace(plant.slopes, auto=missing)), found
+    joint = joint_slopes(plant) if together else None
+    ends = [automatic(one.function, region) for one in joint.functions] if joint is not None else []
+    if ends and None not in ends:
+        found |= {f"rho{k + 1}": bounds for k, bounds in enumerate(ends) if bounds is not None}
+    return with_found(plant, found), found
+
+
+def is_shared(name: str) -> bool:
+    """Whether a bound is that of a function of several entries."""
+    return name.startswith("rho")
+
+
+def with_found(plant: Plant, found: Mapping[str, tuple[str, str]]) -> Plant:
+    """The plant with the slopes that were found: of each entry, and of the functions that entries share.
+
+    Raises: KeyError where an `auto` entry has no bound, ValueError for functions that the plant's slopes do not share.
+    """
+    resolved = plant.with_slopes(found)
+    names = [name for name in found if is_shared(name)]
+    if not names:
+        return resolved
+    joint = joint_slopes(plant)
+    if joint is None or names != [f"rho{k + 1}" for k in range(len(joint.functions))]:
+        raise ValueError("functions that these slopes do not share")
+    quantities = []
+    for name, one in zip(names, joint.functions, strict=True):
+        weights = tuple((entry, Exact(weight)) for entry, weight in one.weights)
+        low, high = found[name]
+        quantities.append(Quantity(name, weights, Exact(low), Exact(high), one.function))
+    return replace(resolved, slopes=replace(resolved.slopes, joint=tuple(quantities), offset=joint.offset))
 
 
 def unbounded_claims(plant: Plant) -> tuple[Claim, ...]:

@@ -12,12 +12,18 @@ from cdobs_cli.plant import Domain, Plant
 from cdobs_cli.sampling import SamplingLaw
 
 CONVERGENCE = "convergence"
-_PERIODS = ("period_max", "period_max_any_gain")
+_PERIODS = ("period_max", "period_max_any_gain", "period_max_at_rate")
 _CONSEQUENCES = ("decay_rate", "guaranteed_period")
 
 
 def with_conditions(
-    claims: Sequence[Claim], plant: Plant, confinement: Confinement, domain: Domain, *, disturbed: bool
+    claims: Sequence[Claim],
+    plant: Plant,
+    confinement: Confinement,
+    domain: Domain,
+    *,
+    disturbed: bool,
+    reason: str | None = None,
 ) -> tuple[Claim, ...]:
     """The claims with all conditions of `convergence` in its own sentence.
 
@@ -25,6 +31,7 @@ def with_conditions(
 
     Args:
         domain: in the states that the user typed.
+        reason: why the design falls short of what was asked.
         disturbed: whether the family's convergence speaks of the declared disturbance and noise themselves.
     """
     by_id = {claim.id: claim for claim in claims}
@@ -45,6 +52,8 @@ def with_conditions(
         if claim.status == "proved" and estimate is not None and estimate.status != "proved":
             claim = replace(claim, status="undecided", margin=None, by=None)
             statement = f"{statement}: {estimate.statement}"
+        elif claim.status == "undecided" and reason is not None:
+            statement = f"{statement}: {reason}"
         if claim.status == "refuted":
             claim, statement = _refuted(claim, plant, statement)
         if not disturbed and claim.status == "proved" and (plant.disturbance is not None or plant.noise is not None):

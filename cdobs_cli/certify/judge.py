@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from typing import Any, ClassVar, Protocol
 
 from cdobs_cli.certificate import Bound, Certificate, Check, Claim, Status, Witness
@@ -17,7 +18,8 @@ from cdobs_cli.certify.methods.base import Method, Proof, Question, read
 from cdobs_cli.certify.methods.dead_beat import DeadBeat, resets
 from cdobs_cli.certify.unseen import Unseen, unseen
 from cdobs_cli.design import Design
-from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text, text_below, upper_text
+from cdobs_cli.exact.functions import fraction_ball
+from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text, lower_text, text_below, upper_text
 from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
 
@@ -30,6 +32,10 @@ class Card(Protocol):
 
     letter: ClassVar[str]
     error_source: ClassVar[str]
+
+    @property
+    def wanted_rate(self) -> Fraction:
+        """What the longest period is searched at, per time unit; 0 asks for any rate."""
 
     def methods(self) -> tuple[type[Method], ...]:
         """The methods whose certificates its designs may hold."""
@@ -185,7 +191,15 @@ def _conclusion(judgement: Judgement, hidden: Unseen | None, claims: Sequence[Cl
         by = next((claim.id for claim in claims if claim.status == "proved" and claim.id.startswith(by)), by)
         return _convergence(judgement, "proved", statement, margin=margin, method=best.method.name, by=by)
     plant, question = judgement.plant, judgement.question
-    witness = hidden.witness(plant) if hidden is not None else refute(question.inclusion, question.effort)
+    witness = hidden.witness(plant) if hidden is not None else None
+    if witness is None and judgement.design.outcome != "short":  # of a gain kept for shorter periods nothing is asked
+        witness = refute(question.inclusion, question.effort)
+    defeated = next((item for item in judgement.hopeless if judgement.law.contains(item.method.law)), None)
+    if witness is None and defeated is not None:
+        witness = Witness("vector", "class", data=dict(defeated.method.certificate().data))
+        return _convergence(
+            judgement, "refuted", f"{statement}: no gain survives it", method=defeated.method.name, witness=witness
+        )
     if witness is None:
         return _convergence(judgement, "undecided", statement)
     method = _UNSEEN if witness.kind == "vector" else f"{witness.kind} slopes"
@@ -196,6 +210,12 @@ def _certificate_claims(judgement: Judgement) -> list[Claim]:
     """Those of the design's gain and law, then of each rung the longest period for this gain and for some gain."""
     here = judgement.here
     claims = [claim for item in here for claim in item.method.claims(judgement.question, item.proof)]
+    for item in judgement.items:
+        if item.method.reach == "some gain" and item.proof.holds:
+            name, method = f"period_max_any_gain.{item.method.rung}", item.method
+            claims.append(
+                Claim(name, "certificate", "proved", f"{method.statement}.", method.source, method=method.how)
+            )
     others = [item for item in judgement.converging if item not in here]
     for item in sorted(others, key=lambda item: (not item.proof.holds, -float(item.T))):
         whose, name = ("This", "period_max") if item.own else ("Some", "period_max_any_gain")
@@ -211,30 +231,17 @@ def _certificate_claims(judgement: Judgement) -> list[Claim]:
 
 def _bounds(judgement: Judgement) -> dict[str, Bound]:
     """The bracket of the period with its ladder of methods, of all gains met, and the rate under the law."""
-    question, law, usable = judgement.question, judgement.law, judgement.usable
-    own = [item for item in usable if item.own]
-    about = f"this gain, {law.open_end}"
-    bounds: dict[str, Bound] = {}
-    if any(isinstance(item.method, DeadBeat) for item in own) and resets(question.inclusion):
-        for name in ("period_max", "period_max_any_gain"):
-            bounds[name] = Bound("inf", None, "s", DeadBeat.name, "one sample erases every error, whatever the period")
+    question, own = judgement.question, [item for item in judgement.usable if item.own]
+    resetting = any(isinstance(item.method, DeadBeat) for item in own) and resets(question.inclusion)
+    if resetting:
+        told = "one sample erases every error, whatever the period"
+        bounds = {name: _endless(DeadBeat.name, told) for name in ("period_max", "period_max_any_gain")}
     else:
-        best = _longest(own)
-        failing = smallest_refuted(
-            lambda T: question.at(T).inclusion, None if best is None else best.T, question.effort
-        )
-        refuted = None if failing is None else _above(failing[0])
-        if best is not None or refuted is not None:
-            bounds["period_max"] = _period(best, refuted, about)
-        for rung in dict.fromkeys(item.method.rung for item in own):
-            bounds[f"period_max.{rung}"] = _period(_longest([i for i in own if i.method.rung == rung]), refuted, about)
-        some = _longest(usable)
-        ends = [item.T for item in judgement.hopeless]
-        if some is not None or ends:
-            lost = _above(min(ends, key=float)) if ends else None
-            bounds["period_max_any_gain"] = _period(
-                some, lost, "some gain proved, every gain refuted" if ends else "some gain"
-            )
+        bounds = _brackets(judgement, own) | _any_gain(judgement)
+    rate = judgement.card.wanted_rate
+    at_rate = [item for item in own if item.proof.rate >= fraction_ball(rate)] if rate else []
+    if at_rate:
+        bounds["period_max_at_rate"] = _period(_longest(at_rate), None, f"this gain, at the rate {fraction_text(rate)}")
     return bounds | _decay_rate(judgement)
 
 
@@ -248,6 +255,39 @@ def _decay_rate(judgement: Judgement) -> dict[str, Bound]:
     proved, method = (None, None) if fastest is None else (lower_text(fastest.proof.rate, 9), fastest.method.rung)
     refuted = None if slowest is None else upper_text(slowest, 9)
     return {"decay_rate": Bound(proved, refuted, "1/s", method, "this gain under its law")}
+
+
+def _endless(method: str, about: str) -> Bound:
+    return Bound("inf", None, "s", method, about)
+
+
+def _brackets(judgement: Judgement, own: list[Judged]) -> dict[str, Bound]:
+    """Of the design's gain: the longest period proved, by each rung too, and the shortest refuted above it."""
+    question, about = judgement.question, f"this gain, {judgement.law.open_end}"
+    best = _longest(own)
+    failing = smallest_refuted(lambda T: question.at(T).inclusion, None if best is None else best.T, question.effort)
+    refuted = None if failing is None else _above(failing[0])
+    if best is None and refuted is None:
+        return {}
+    rungs = dict.fromkeys(item.method.rung for item in own)
+    ladder = {f"period_max.{rung}": _longest([item for item in own if item.method.rung == rung]) for rung in rungs}
+    return {"period_max": _period(best, refuted, about)} | {
+        name: _period(item, refuted, about) for name, item in ladder.items()
+    }
+
+
+def _any_gain(judgement: Judgement) -> dict[str, Bound]:
+    """Of all gains: the longest period proved of one of them, the shortest at which every one fails."""
+    some = (item for item in judgement.items if item.method.reach == "some gain" and item.proof.holds)
+    endless = next((item.method for item in some if item.method.endless), None)
+    if endless is not None:
+        return {"period_max_any_gain": _endless(endless.name, endless.statement)}
+    best, ends = _longest(judgement.usable), [item.T for item in judgement.hopeless]
+    if best is None and not ends:
+        return {}
+    lost = _above(min(ends, key=float)) if ends else None
+    about = "some gain proved, every gain refuted" if ends else "some gain"
+    return {"period_max_any_gain": _period(best, lost, about)}
 
 
 def _period(item: Judged | None, refuted: str | None, about: str) -> Bound:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from pydantic import BaseModel, ConfigDict
 
@@ -52,6 +52,10 @@ class Family(BaseModel, ABC):
         """What `validate` can see without linear algebra: a structure the family does not take, shapes of a
         given gain, options that contradict one another. Fields are paths from the top of the spec."""
         return []
+
+    def resolved(self, plant: Plant, horizon: float | None) -> Self:
+        """The card with what a default leaves to the plant and to the time of its simulation, where there is one."""
+        return self
 
     @abstractmethod
     def given(self) -> Mapping[str, ExactMatrix | None]:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from fractions import Fraction
+from math import log
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from cdobs_cli.families.base import Family
+from cdobs_cli.fields import NonNegativeNumber
 
 if TYPE_CHECKING:
     from cdobs_cli.bounds.estimate import Transient
@@ -21,6 +24,9 @@ if TYPE_CHECKING:
     from cdobs_cli.plant import Plant
 
 
+_PERIODS = 50
+
+
 class ConstantGain(Family):
     """Subclasses give the error system (`error_maps`, over the gain by its `letter`), the observer's equations,
     the methods, and the ways of finding a gain; `certify.design` and `certify.judge` do the rest.
@@ -30,6 +36,7 @@ class ConstantGain(Family):
     """
 
     objective: Literal["given_period", "max_period", "decay_rate"]
+    rate_at_least: NonNegativeNumber | None = None
     letter: ClassVar[str] = "K"
     error_source: ClassVar[str]
     rate_share: ClassVar[float] = 0.0
@@ -47,6 +54,22 @@ class ConstantGain(Family):
     def gain_searches(self, question: Question) -> Sequence[GainSearch]:
         """Ways of finding a gain, the first choice first."""
 
+    @property
+    def wanted_rate(self) -> Fraction:
+        """What the longest period is searched at, per time unit; 0 asks for any rate."""
+        rational = None if self.rate_at_least is None else self.rate_at_least.rational
+        return rational or Fraction(0)
+
+    def resolved(self, plant: Plant, horizon: float | None) -> Self:
+        """Under max_period a rate that is left out is that of an error that falls to 1 % within the horizon, or within
+        50 of the typed periods."""
+        if self.objective != "max_period" or self.rate_at_least is not None or not plant.sampling.is_bounded:
+            return self
+        from cdobs_cli.exact.numbers import Exact, decimal_text
+
+        time = horizon if horizon is not None else _PERIODS * float(plant.sampling.T_max)
+        return self.model_copy(update={"rate_at_least": Exact(decimal_text(log(100) / time, 4))})
+
     def rungs(self, question: Question) -> Sequence[Rung]:
         """The lines of the ladder that are asked for a certificate."""
         from cdobs_cli.certify.methods.rung import GENERAL
@@ -55,7 +78,9 @@ class ConstantGain(Family):
 
     def refuses(self, plant: Plant) -> str | None:
         """Why no gain is looked for."""
-        return None
+        from cdobs_cli.certify.reasons import undetectable
+
+        return undetectable(plant)
 
     def why_nothing(self, question: Question) -> str:
         """Why a search found no gain."""

@@ -107,7 +107,7 @@ def _observer(report: Report) -> Section:
     design = report.design
     if design.outcome == "none":
         return Section("Observer", (Paragraph(f"No design was found. {design.reason or ''}".strip()),))
-    origin = "found by the search" if design.outcome == "found" else "given in the spec"
+    origin = "given in the spec" if design.outcome == "given" else "found by the search"
     blocks: list[Block] = [
         Paragraph(f"Family {report.family.model_dump().get('family', design.family)}; the gain was {origin}.")
     ]

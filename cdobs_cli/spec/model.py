@@ -201,6 +201,7 @@ class _Loader:
         self.problems += family.problems(final, run) if family is not None else []
         if self.failed or family is None:
             raise self.fail()
+        family = family.resolved(final, None if run is None else float(run.horizon))
         entries = tuple(expectation(block, ("expect", i)) for i, block in enumerate(expect))
         return Spec(
             title=header.title or self.path.stem, plant=final, observer=family, simulation=run, expect=entries,

@@ -28,8 +28,9 @@ if TYPE_CHECKING:
 
 # What the data of a certificate that nobody wrote come to.
 UNREADABLE = (KeyError, TypeError, ValueError, IndexError, ExpressionError, ZeroDivisionError, OverflowError)
-# Which question a method answers: do errors decay, at a rate; does every gain fail; do a paper's conditions hold.
-Reach = Literal["convergence", "no gain", "printed conditions"]
+# Which question a method answers: do errors decay, at a rate; has some gain a proof;
+# does every gain fail; do a paper's conditions hold.
+Reach = Literal["convergence", "some gain", "no gain", "printed conditions"]
 
 
 @dataclass(frozen=True)
@@ -120,6 +121,7 @@ class Method(ABC):
 
     name: how it is stored. rung: its line in the ladder of methods. source: whose theorem. how: how it is proved.
     statement: what it says, without the law. exact: whether the best gain that it finds is the best there is.
+    endless: whether it holds however long the periods are.
     """
 
     law: SamplingLaw
@@ -131,6 +133,7 @@ class Method(ABC):
     statement: ClassVar[str] = "The error converges"
     reach: ClassVar[Reach] = "convergence"
     exact: ClassVar[bool] = False
+    endless: ClassVar[bool] = False
 
     @classmethod
     def applies(cls, question: Question) -> bool:

@@ -13,7 +13,8 @@ from typing import ClassVar, Self
 
 from flint import arb
 
-from cdobs_cli.certify.methods.base import Method, Proof, Question
+from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
+from cdobs_cli.certify.sylvester import is_observable
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.hybrid import HybridInclusion
 from cdobs_cli.sampling import SamplingLaw
@@ -42,6 +43,36 @@ class DeadBeat(Method):
     def longest(cls, question: Question) -> Self | None:
         """Under the question's own law: where one sample erases every error no period is too long."""
         return cls.propose(question)
+
+
+@dataclass(frozen=True)
+class EveryPeriod(Method):
+    """A chain of integrators without slopes: F^n = 0, so exp(F T) has the eigenvalue 1 alone, and where (F, C) is
+    observable so is (exp(F T), C) for every T > 0: at every constant period some gain makes the error 0 after n
+    samples.
+    It holds no data. Loads no solver."""
+
+    name: ClassVar[str] = "every_period"
+    rung: ClassVar[str] = "dead_beat"
+    source: ClassVar[str] = "exact rational arithmetic"
+    how: ClassVar[str] = "exact matrices"
+    statement: ClassVar[str] = "Every constant period has a gain that ends the error after n samples"
+    reach: ClassVar[Reach] = "some gain"
+    endless: ClassVar[bool] = True
+
+    @classmethod
+    def propose(cls, question: Question) -> Self | None:
+        chain = cls(question.law)
+        return chain if chain.prove(question).holds else None
+
+    def _prove(self, question: Question) -> Proof:
+        view, n = question.inclusion.view_balls, question.plant.n
+        if view.quantities or not self.law.is_periodic or not self.law.is_bounded or not view.A.is_rational:
+            return NOTHING
+        power = view.A
+        for _ in range(n - 1):
+            power = power @ view.A
+        return Proof.of(_is_zero(power) and is_observable(view.A, view.C) is True, arb("inf"))
 
 
 def resets(inclusion: HybridInclusion) -> bool:

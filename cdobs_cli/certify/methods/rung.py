@@ -31,7 +31,8 @@ class Rung(Protocol):
         """A proved certificate at the question's law and rate."""
 
     def longest(self, question: Question, share: float = 0.0) -> Method | None:
-        """The certificate of the longest period found for the question's gain, at the rate `share` over the period."""
+        """The certificate of the longest period found for the question's gain, at the question's rate and at least the
+        rate `share` over the period."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class One:
         return self.method.propose(question) if self.method.applies(question) else None
 
     def longest(self, question: Question, share: float = 0.0) -> Method | None:
-        return longest_at(self, question, share) if share else self.method.longest(question)
+        return longest_at(self, question, share) if share or question.rate else self.method.longest(question)
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class General:
         return next((proposal for proposal in proposals if proposal is not None), None)
 
     def longest(self, question: Question, share: float = 0.0) -> Method | None:
-        if share:
+        if share or question.rate:
             return longest_at(self, question, share)
         if resets(question.inclusion):
             return DeadBeat.longest(question)
@@ -80,11 +81,11 @@ GENERAL = General()
 
 
 def longest_at(rung: Rung, question: Question, share: float = 0.0, *, quick: bool = False) -> Method | None:
-    """The certificate of the longest period found, at the rate `share` over the period; unless its proofs are quick,
-    the walk is at effort 0."""
+    """The certificate of the longest period found, at the question's rate and at least the rate `share` over the
+    period; unless its proofs are quick, the walk is at effort 0."""
 
     def prove(about: Question) -> Callable[[Exact], Method | None]:
-        return lambda T: rung.propose(about.at(T).with_rate(rate_over(T, share)))
+        return lambda T: rung.propose(about.at(T).with_rate(max(about.rate, rate_over(T, share))))
 
     glance = None if quick else prove(question.with_effort(0))
     width = search.tolerance(question.effort, quick=quick)

@@ -11,7 +11,7 @@ from cdobs_cli.certify import search
 from cdobs_cli.certify.climb import GAIN_DIGITS, Climb
 from cdobs_cli.certify.gains import Candidate, GainSearch, NoDesignError
 from cdobs_cli.certify.methods.base import Question
-from cdobs_cli.certify.methods.rung import Rung, rate_over
+from cdobs_cli.certify.methods.rung import Rung, fastest, rate_over
 from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger
 from cdobs_cli.certify.methods.wirtinger.design import HeldSynthesis
 from cdobs_cli.certify.units import Units
@@ -53,7 +53,7 @@ class HeldGain(GainSearch):
         T, synthesis = question.law.T_max, HeldSynthesis(question.plant)
         sigma, best = synthesis.fastest(float(T))
         if not best.margin > 0:
-            raise NoDesignError(f"the Wirtinger inequality was solved for no gain at the period {T}")
+            raise NoDesignError(f"no gain was proved for T_k up to {T}")
         for share in shares:
             synthesis.epsilon = best.epsilon
             proposal = synthesis.redesign(float(T), share * sigma)
@@ -63,18 +63,27 @@ class HeldGain(GainSearch):
         raise NoDesignError(f"no rounded gain could be proved at the period {T}")
 
     def longest(self, question: Question) -> Candidate | None:
-        """With the rate floor."""
+        """At the question's rate, and at least the rate floor."""
         synthesis = HeldSynthesis(question.plant)
-        low, best = synthesis.longest(float(question.law.T_max), RATE_SHARE, search.FACTOR, 5e-4)
+        wanted = float(question.rate)
+        low, best = synthesis.longest(
+            float(question.law.T_max), lambda T: max(wanted, RATE_SHARE / T), search.FACTOR, 5e-4
+        )
         if not best.margin > 0:
-            raise NoDesignError(f"the Wirtinger inequality was solved for no gain, down to the period {short(low)}")
+            raise NoDesignError(f"no gain was proved, down to the period {short(low)}")
         for share in (1.0, 0.9995, 0.998, 0.99, 0.95, 0.9):
             T = short(share * low)
-            sigma = rate_over(T, RATE_SHARE)
+            sigma = max(question.rate, rate_over(T, RATE_SHARE))
             L = ExactMatrix.from_floats(synthesis.redesign(float(T), float(sigma)).L, GAIN_DIGITS)
             if Wirtinger.propose(about(question.at(T), L).with_rate(sigma)) is not None:
                 return Candidate(L, question.law.with_period(T), float(T))
         raise NoDesignError(f"no rounded gain could be proved at periods up to {short(low)}")
+
+    def nearest(self, question: Question) -> Candidate | None:
+        try:
+            return self.longest(question)
+        except NoDesignError:
+            return None
 
 
 @dataclass(frozen=True)
@@ -87,15 +96,12 @@ class PeriodClimb(GainSearch):
     def at(self, question: Question) -> Candidate | None:
         T = question.law.T_max
         L, longest = self._climb(question, 0.0, float(T))
-        if longest < float(T):
-            told = f"the longest period proved by {self.rung.name} for any gain met is {short(longest)}, below {T}"
-            raise NoDesignError(told)
-        return Candidate(L, question.law)
+        return Candidate(L, question.law if longest >= float(T) else question.law.with_period(short(longest)))
 
     def longest(self, question: Question) -> Candidate | None:
         L, T = self._climb(question, RATE_SHARE, float("inf"))
         asked = headline(question) if self.rung is CLOCK else question
-        further = self.rung.longest(about(asked.at(short(T)), L), RATE_SHARE)
+        further = self.rung.longest(about(asked.at(short(T)), L).afresh(), RATE_SHARE)
         law = question.law.with_period(short(T)) if further is None else further.law
         return Candidate(L, law, float(law.T_max))
 
@@ -107,7 +113,9 @@ class PeriodClimb(GainSearch):
         def passes(L: ExactMatrix, T: float) -> bool:
             period = short(T)
             return (
-                self.rung.propose(about(question.at(period), L).with_rate(rate_over(period, share)).afresh())
+                self.rung.propose(
+                    about(question.at(period), L).with_rate(max(question.rate, rate_over(period, share))).afresh()
+                )
                 is not None
             )
 
@@ -129,35 +137,51 @@ def _stiffer_gains(plant: Plant, T: float) -> list[ExactMatrix]:
     return [ExactMatrix.from_floats(one.L, GAIN_DIGITS) for one in proposals if one.margin > 0]
 
 
-class ClockGain(GainSearch):
+class ClockGain(HeldGain):
     """The convex synthesis where it has a gain, else a climb in the period; for the rate a climb in the rate that the
     clock certificate proves."""
 
     def at(self, question: Question) -> Candidate | None:
         try:
-            return HeldGain().at(question)
+            return super().at(question)
         except NoDesignError:
             return PeriodClimb(CLOCK, stiff=False).at(question)
 
     def longest(self, question: Question) -> Candidate | None:
         return PeriodClimb(CLOCK, stiff=False).longest(question)
 
+    def nearest(self, question: Question) -> Candidate | None:
+        return HeldGain().nearest(question)
+
     def fastest(self, question: Question) -> Candidate | None:
-        start = self.at(question)
-        assert start is not None
+        start, rate = self._faster_start(question)
         T = float(question.law.T_max)
 
         def passes(L: ExactMatrix, sigma: float) -> bool:
             asked = about(question, L).with_rate(short(sigma).rational or question.rate)
             return CLOCK.propose(asked.afresh()) is not None
 
-        sigma = 1.0 / T
-        for _ in range(12):
-            if passes(start.gain, sigma):
-                climb = Climb(passes, _unit(question.plant, T), _budget(question))
-                return Candidate(climb.run(start.gain.floats, sigma)[0], question.law)
-            sigma /= search.FACTOR
-        return start
+        if not rate > 0:
+            return start
+        climb = Climb(passes, _unit(question.plant, T), _budget(question))
+        return Candidate(climb.run(start.gain.floats, 0.9999 * rate)[0], question.law)
+
+    def _faster_start(self, question: Question) -> tuple[Candidate, float]:
+        """Of the convex synthesis at half its fastest rate and close to it, the gain whose proved rate is larger."""
+        met = []
+        for way in (self.at, super().fastest):
+            try:
+                candidate = way(question)
+            except NoDesignError:
+                continue
+            method = None if candidate is None else fastest(CLOCK, about(question, candidate.gain).afresh())
+            if candidate is not None and method is not None:
+                met.append((candidate, float(method.prove(about(question, candidate.gain)).rate.lower())))
+        if not met:
+            candidate = self.at(question)
+            assert candidate is not None
+            return candidate, 0.0
+        return max(met, key=lambda pair: pair[1])
 
 
 def _unit(plant: Plant, T: float) -> Array:

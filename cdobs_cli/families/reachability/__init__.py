@@ -92,11 +92,13 @@ class Reachability(ConstantGain):
         return observer(plant, design)
 
     def methods(self) -> tuple[type[Method], ...]:
+        from cdobs_cli.certify.methods.dead_beat import EveryPeriod
+        from cdobs_cli.certify.methods.open_loop import OpenLoop
         from cdobs_cli.certify.methods.planar.extremals import Planar
         from cdobs_cli.certify.methods.rung import GENERAL
         from cdobs_cli.families.reachability.certificate import ReachableSet
 
-        return (ReachableSet, *GENERAL.methods, Planar)
+        return (ReachableSet, *GENERAL.methods, Planar, OpenLoop, EveryPeriod)
 
     def rungs(self, question: Question) -> Sequence[Rung]:
         from cdobs_cli.families.reachability.search_plan import rungs
@@ -107,11 +109,6 @@ class Reachability(ConstantGain):
         from cdobs_cli.families.reachability.search_plan import gain_searches
 
         return gain_searches(self, question)
-
-    def refuses(self, plant: Plant) -> str | None:
-        from cdobs_cli.families.reachability.detectability import undetectable
-
-        return undetectable(plant)
 
     def why_nothing(self, question: Question) -> str:
         from cdobs_cli.families.reachability.search_plan import why_nothing

@@ -43,7 +43,8 @@ def by_clock(family: Reachability, question: Question) -> bool:
     if family.method == "set":
         return False
     given = family.gain.K if family.gain else None
-    return not (family.method == "best" and family.objective != "decay_rate" and planar.covers(question, given))
+    exact = family.method == "best" and family.objective != "decay_rate" and not question.rate
+    return not (exact and planar.covers(question, given))
 
 
 def rungs(family: Reachability, question: Question) -> Sequence[Rung]:
@@ -61,7 +62,7 @@ def gain_searches(family: Reachability, question: Question) -> Sequence[GainSear
         return [ResetGain()]
     asked: list[tuple[bool, GainSearch]] = [
         (by_set(family, question), SetGain()), (by_clock(family, question), ImpulsiveGain()),
-        (by_planar(family, question), PlanarGain()),
+        (by_planar(family, question) and not question.rate, PlanarGain()),
     ]  # fmt: skip
     return [search for wanted, search in asked if wanted]
 

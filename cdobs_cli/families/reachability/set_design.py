@@ -15,6 +15,7 @@ from cdobs_cli.certify import search
 from cdobs_cli.certify.gains import Candidate, GainSearch
 from cdobs_cli.certify.kernel import Kernel, kernel
 from cdobs_cli.certify.methods.base import Question
+from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, plain_decimal
 from cdobs_cli.families.reachability.certificate import MAX_STATES_OF_CONSTANTS, ReachableSet
 from cdobs_cli.families.reachability.search import Guess, Members, contraction, design, fastest, lyapunov, members
@@ -62,7 +63,7 @@ def gain_at(question: Question, *, fast: bool = False) -> Gain | None:
     if space.dimension == 0:
         return _reset(question, space)
     data = _members(question, space)
-    guess = None if data is None else design(data, question.memory)
+    guess = None if data is None else design(_grown(data, question), question.memory)
     if data is None or guess is None or guess.margin <= 0:
         return None
     if fast:
@@ -72,9 +73,16 @@ def gain_at(question: Question, *, fast: bool = False) -> Gain | None:
         K = space.gain(ExactMatrix.from_floats(Z, digits), digits + 2)
         Q = guess.Q if space.is_kept(K) else None
         certificate = certificate_at(question.with_gain({"K": K}), rounds=3 if fast else 0, Q=Q)
-        if certificate is not None:
+        if certificate is not None and certificate.prove(question.with_gain({"K": K})).rate >= fraction_ball(
+            question.rate
+        ):
             return K, certificate
     return None
+
+
+def _grown(data: Members, question: Question) -> Members:
+    """The members with their error grown by exp(sigma T), sigma the question's rate."""
+    return replace(data, M=data.M * float(np.exp(float(question.rate) * float(question.law.T_max))))
 
 
 def certificate_at(question: Question, *, rounds: int = 4, Q: Array | None = None) -> ReachableSet | None:
@@ -100,7 +108,7 @@ def certificate_at(question: Question, *, rounds: int = 4, Q: Array | None = Non
 
 
 def longest_any(question: Question) -> Gain | None:
-    """A gain for the largest period found, at least the question's own."""
+    """A gain for the largest period found at the question's rate, at least the question's own."""
     space = kernel(question.plant.C)
     if space.dimension == 0:
         return _reset(question, space)
@@ -141,7 +149,7 @@ def _half(T: Exact) -> Exact:
 def _any_end(question: Question) -> Fraction | None:
     def margin(T: Exact) -> float:
         data = _members(question.at(T), kernel(question.plant.C))
-        return design(data, question.memory).margin if data else -1.0
+        return design(_grown(data, question.at(T)), question.memory).margin if data else -1.0
 
     return largest(margin, question.law.T_max, set_high(question.plant))
 

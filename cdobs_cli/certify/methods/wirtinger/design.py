@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -133,22 +134,25 @@ class HeldSynthesis:
             low, high, best = (middle, high, at_middle) if at_middle.margin > 0 else (low, middle, best)
         return low, best
 
-    def longest(self, tau: float, share: float, factor: float, width: float) -> tuple[float, Proposal]:
-        """The longest period met at the rate `share` over it: by factors from tau, then bisection. Where there is none
+    def longest(
+        self, tau: float, rate: Callable[[float], float], factor: float, width: float
+    ) -> tuple[float, Proposal]:
+        """The longest period met at a rate that may depend on it: by factors from tau, then bisection. Where there
+        is none
         the last period tried, with a margin that is not positive."""
-        low, steps, best = tau, 0, self.design(tau, share / tau)
+        low, steps, best = tau, 0, self.design(tau, rate(tau))
         while not best.margin > 0 and steps < search.STEPS:
             low, steps = low / factor, steps + 1
-            best = self.design(low, share / low)
+            best = self.design(low, rate(low))
         if not best.margin > 0:
             return low, best
         high = factor * low
-        while steps == 0 and (above := self.redesign(high, share / high)).margin > 0 and high < 1e4 * tau:
+        while steps == 0 and (above := self.redesign(high, rate(high))).margin > 0 and high < 1e4 * tau:
             low, high, best = high, factor * high, above
         self.epsilon = best.epsilon
         while high - low > width * low:
             middle = (low + high) / 2
-            at_middle = self.propose(middle, share / middle)
+            at_middle = self.propose(middle, rate(middle))
             low, high, best = (middle, high, at_middle) if at_middle.margin > 0 else (low, middle, best)
         return low, best
 
