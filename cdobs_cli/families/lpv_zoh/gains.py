@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,6 +27,12 @@ if TYPE_CHECKING:
 
 # Under max_period the rate is at least this over the period: a design on the edge converges never.
 RATE_SHARE = 0.002
+
+
+_FROM_ZERO = (
+    "no certificate is known for an innovation that is held over periods from 0 on where the outputs are not linear: "
+    "give min_period, or use family reachability"
+)
 
 
 def short(value: float) -> Exact:
@@ -106,7 +112,9 @@ class PeriodClimb(GainSearch):
         return Candidate(L, law, float(law.T_max))
 
     def _climb(self, question: Question, share: float, goal: float) -> tuple[ExactMatrix, float]:
-        start = HeldGain().longest(question)
+        if question.inclusion.outputs and question.law.from_zero:
+            raise NoDesignError(_FROM_ZERO)
+        start = HeldGain().longest(_of_linear_outputs(question))
         assert start is not None
         T = float(start.law.T_max)
 
@@ -127,6 +135,12 @@ class PeriodClimb(GainSearch):
                 return Climb(passes, _unit(question.plant, T), budget, goal).run(first.floats, T)
             T /= search.FACTOR
         raise NoDesignError(f"no gain was proved by {self.rung.name}, down to the period {short(T)}")
+
+
+def _of_linear_outputs(question: Question) -> Question:
+    """The same question with the outputs' slopes at their middle."""
+    plant = replace(question.plant, h=None, H=None)
+    return replace(question, inclusion=replace(question.inclusion, plant=plant))
 
 
 def _stiffer_gains(plant: Plant, T: float) -> list[ExactMatrix]:

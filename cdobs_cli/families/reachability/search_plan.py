@@ -31,17 +31,20 @@ SMALL = 3
 
 
 def by_set(family: Reachability, question: Question) -> bool:
-    return family.method in ("best", "set") and question.law.is_periodic
+    return family.method in ("best", "set") and question.law.is_periodic and not question.inclusion.outputs
 
 
 def by_planar(family: Reachability, question: Question) -> bool:
-    return family.method == "best" and planar.open_class(question) is not None
+    linear = not question.inclusion.outputs
+    return linear and family.method == "best" and planar.open_class(question) is not None
 
 
 def by_clock(family: Reachability, question: Question) -> bool:
     """Where the exact limit is known no other certificate reaches further, and none is looked for."""
     if family.method == "set":
         return False
+    if question.inclusion.outputs:
+        return True
     given = family.gain.K if family.gain else None
     exact = family.method == "best" and family.objective != "decay_rate" and not question.rate
     return not (exact and planar.covers(question, given))
@@ -99,6 +102,9 @@ def why_nothing(family: Reachability, question: Question) -> str:
         "clock": "the clock-dependent certificate gave no gain",
     }
     more = "more effort, a shorter period or smaller slopes may"
+    if question.inclusion.outputs:
+        more = "more effort, a shorter period, or a smaller domain with smaller slopes of the outputs may"
+        return f"{asked['clock']} with a proof at T = {T}; {more} help"
     return f"{asked[family.method]} with a proof at T = {T}; {more} help"
 
 
