@@ -97,11 +97,11 @@ class LpvZeroOrderHold(ConstantGain):
         return rungs(self, question)
 
     def gain_searches(self, question: Question) -> Sequence[GainSearch]:
-        from cdobs_cli.families.lpv_zoh.gains import ClockGain, HeldGain, PeriodClimb
-        from cdobs_cli.families.lpv_zoh.search_plan import CLOCK, REPAIRED, THEOREM_1, clock_is_tried
+        from cdobs_cli.families.lpv_zoh.gains import ClockGain, HeldGain, MiddleGain, PeriodClimb
+        from cdobs_cli.families.lpv_zoh.search_plan import REPAIRED, THEOREM_1, clock_is_tried
 
         if question.inclusion.outputs:
-            return (PeriodClimb(CLOCK, stiff=False),)
+            return (MiddleGain(),)
         if self.method in ("repaired", "theorem_1"):
             return (PeriodClimb(REPAIRED if self.method == "repaired" else THEOREM_1, stiff=True),)
         if self.method == "wirtinger" or (self.method == "best" and not clock_is_tried(question)):
