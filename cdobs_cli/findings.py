@@ -77,14 +77,23 @@ def _unproved(spec: Spec, check: dict[str, Any] | None) -> Iterator[Message]:
 
 def _place(spec: Spec, claim: str) -> Field:
     if claim.startswith("slopes."):
-        i, j = claim.split(".")[1:3]
-        return ("plant", "lipschitz", int(i) - 1, int(j) - 1)
+        return ("plant", *_place_of_slope(claim.split(".")[1:]))
     if claim == "defined":
         return ("plant", "dynamics" if spec.typed else "phi")
     if getattr(spec.observer, "gain", None) is not None:
         return ("observer", "gain")
     law = spec.plant.sampling.kind
     return ("measurement", "sampling", {"periodic": "period", "aperiodic": "max_period"}.get(law, law))
+
+
+def _place_of_slope(parts: list[str]) -> Field:
+    """Where `2.1`, `output.1.2` or `rho1` was typed, within the plant."""
+    match parts:
+        case ["output", k, _]:
+            return ("output", int(k) - 1)
+        case [i, j]:
+            return ("lipschitz", int(i) - 1, int(j) - 1)
+    return ("lipschitz",)
 
 
 def _without_design(spec: Spec, design: dict[str, Any] | None, named: set[str]) -> Iterator[Message]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
@@ -25,8 +25,9 @@ M = TypeVar("M")
 class ErrorMaps(Generic[M]):
     """The matrices of an inclusion in one arithmetic (numpy arrays, or exact Matrix objects).
 
-    edot = (base + sum_k v_k parts[k]) e with v_k in [lower[k], upper[k]];  e+ = jump e.
-    Shapes: (N, N).
+    edot = (base + sum_k v_k parts[k]) e with v_k in [lower[k], upper[k]];
+    e+ = (jump + sum_m (w_m - middle of its interval) jump_parts[m]) e with w_m in [jump_lower[m], jump_upper[m]],
+    the slopes of the outputs that vary, free at every sample. Shapes: (N, N).
     """
 
     base: M
@@ -34,6 +35,9 @@ class ErrorMaps(Generic[M]):
     lower: tuple[Any, ...]
     upper: tuple[Any, ...]
     jump: M
+    jump_parts: tuple[M, ...] = ()
+    jump_lower: tuple[Any, ...] = ()
+    jump_upper: tuple[Any, ...] = ()
 
     def flow(self, v: tuple[Any, ...]) -> M:
         """The flow matrix at slope values v."""
@@ -47,12 +51,31 @@ class ErrorMaps(Generic[M]):
         for v in product(*zip(self.lower, self.upper, strict=True)):
             yield self.flow(v)
 
+    def jump_at(self, w: tuple[Any, ...]) -> M:
+        """The jump at slopes w of the outputs."""
+        total: Any = self.jump
+        for value, part, low, high in zip(w, self.jump_parts, self.jump_lower, self.jump_upper, strict=True):
+            total = total + part * (value - (low + high) / 2)
+        return total  # type: ignore[no-any-return]
+
+    def jumps(self) -> Iterator[M]:
+        """Jumps at the 2^(number of slopes of the outputs that vary) corners: one where none does."""
+        for w in product(*zip(self.jump_lower, self.jump_upper, strict=True)):
+            yield self.jump_at(w)
+
+    def mapped(self, of_flow: Callable[[M], M], of_jump: Callable[[M], M]) -> ErrorMaps[M]:
+        """The same with a linear map of every flow matrix, and one of every jump."""
+        parts, jump_parts = tuple(map(of_flow, self.parts)), tuple(map(of_jump, self.jump_parts))
+        return replace(
+            self, base=of_flow(self.base), parts=parts, jump=of_jump(self.jump), jump_parts=jump_parts
+        )  # fmt: skip
+
 
 @dataclass(frozen=True)
 class HybridInclusion:
     """The error system of one plant with one gain.
 
-    Flow between samples: edot in Co{corners} e; jump e+ = J e when the clock (time since the last sample)
+    Flow between samples: edot in Co{corners} e; jump e+ in Co{jumps} e when the clock (time since the last sample)
     is in [T_min, T_max] of `sampling`. A family makes it (`Family.inclusion`); certificates, falsifiers and
     tests read it. `quantities` are what varies, in the order of the values v.
 
@@ -71,6 +94,11 @@ class HybridInclusion:
     def entries(self) -> tuple[Entry, ...]:
         """The first slope entry (i, j) behind each value."""
         return tuple(rho.entry for rho in self.quantities)
+
+    @property
+    def outputs(self) -> tuple[Quantity, ...]:
+        """The slopes of the outputs that vary, in the order of the values w."""
+        return self.plant.output_quantities
 
     @property
     def view_floats(self) -> PlantView[NDArray[np.float64]]:
@@ -96,7 +124,8 @@ class HybridInclusion:
 class PlantView(Generic[M]):
     """A, C, the slope class and the gain in one arithmetic: slopes are sum_k v_k parts[k] with v_k in [lower[k],
     upper[k]],
-    and A holds what is constant of them too. Shapes: A, parts, identity (n, n); C (p, n)."""
+    and A holds what is constant of them too. Outputs whose slopes vary: C is at their middle, `outputs` holds a matrix
+    for each of them, and their ends. Shapes: A, parts, identity (n, n); C, outputs (p, n)."""
 
     A: M
     C: M
@@ -106,6 +135,9 @@ class PlantView(Generic[M]):
     upper: tuple[Any, ...]
     quantities: tuple[Quantity, ...]
     identity: M
+    outputs: tuple[M, ...] = ()
+    output_lower: tuple[Any, ...] = ()
+    output_upper: tuple[Any, ...] = ()
 
     def unit(self, i: int) -> M:
         """Column i of the identity, shape (n, 1)."""
@@ -118,6 +150,16 @@ class PlantView(Generic[M]):
             total = total + part * value
         return total  # type: ignore[no-any-return]
 
+    def output_corners(self) -> list[M]:
+        """C at the 2^(number of slopes of the outputs that vary) corners."""
+        corners = []
+        for w in product(*zip(self.output_lower, self.output_upper, strict=True)):
+            C: Any = self.C
+            for value, part, low, high in zip(w, self.outputs, self.output_lower, self.output_upper, strict=True):
+                C = C + part * (value - (low + high) / 2)
+            corners.append(C)
+        return corners
+
     @property
     def vertices(self) -> list[M]:
         """A + V at the 2^(number of quantities that vary) corners."""
@@ -127,43 +169,52 @@ class PlantView(Generic[M]):
     def floats(plant: Plant, gain: Mapping[str, Any]) -> PlantView[NDArray[np.float64]]:
         import numpy as np
 
-        quantities = plant.slopes.quantities
+        quantities, outputs = plant.slopes.quantities, plant.output_quantities
         return PlantView(
             A=plant.A.floats + np.array(_constant_slopes(plant, float)),
             C=np.array(plant.C.floats),
             gain={name: np.array(matrix.floats) for name, matrix in gain.items()},
-            parts=tuple(np.array(_weights(plant.n, rho, float)) for rho in quantities),
+            parts=tuple(np.array(_weights((plant.n, plant.n), rho, float)) for rho in quantities),
             lower=tuple(float(rho.lower) for rho in quantities),
             upper=tuple(float(rho.upper) for rho in quantities),
             quantities=quantities,
             identity=np.eye(plant.n),
+            outputs=tuple(np.array(_weights(plant.C.shape, rho, float)) for rho in outputs),
+            output_lower=tuple(float(rho.lower) for rho in outputs),
+            output_upper=tuple(float(rho.upper) for rho in outputs),
         )
 
     @staticmethod
     def balls(plant: Plant, gain: Mapping[str, Any]) -> PlantView[Matrix]:
         from cdobs_cli.exact.matrix import Matrix
 
-        quantities = plant.slopes.quantities
+        quantities, outputs = plant.slopes.quantities, plant.output_quantities
         return PlantView(
             A=plant.A.balls() + Matrix.from_rows(_constant_slopes(plant, _scalar)),
             C=plant.C.balls(),
             gain={name: matrix.balls() for name, matrix in gain.items()},
-            parts=tuple(Matrix.from_rows(_weights(plant.n, rho, _scalar)) for rho in quantities),
+            parts=tuple(Matrix.from_rows(_weights((plant.n, plant.n), rho, _scalar)) for rho in quantities),
             lower=tuple(rho.lower.scalar for rho in quantities),
             upper=tuple(rho.upper.scalar for rho in quantities),
             quantities=quantities,
             identity=Matrix.identity(plant.n),
+            outputs=tuple(Matrix.from_rows(_weights(plant.C.shape, rho, _scalar)) for rho in outputs),
+            output_lower=tuple(rho.lower.scalar for rho in outputs),
+            output_upper=tuple(rho.upper.scalar for rho in outputs),
         )
 
 
 def corrected_copy(view: PlantView[Any]) -> ErrorMaps[Any]:
     """edot = (A + V) e with V in the slope class, e+ = (I - K C) e, for e = x_hat - x and a copy of the model
-    corrected by
-    K (y - C x_hat) at samples.
+    corrected by K (y - C x_hat) at samples; e+ = (I - K H) e, H in the slopes of h, where it is K (y - h(x_hat, u)).
 
     Source: Dinh2014, (8), (10); Andrieu2014, (10)
     """
-    return ErrorMaps(view.A, view.parts, view.lower, view.upper, view.identity - view.gain["K"] @ view.C)
+    K: Any = view.gain["K"]
+    return ErrorMaps(
+        view.A, view.parts, view.lower, view.upper, view.identity - K @ view.C,
+        tuple(-(K @ H) for H in view.outputs), view.output_lower, view.output_upper,
+    )  # fmt: skip
 
 
 def _scalar(number: Exact) -> Any:
@@ -174,9 +225,9 @@ def _constant_slopes(plant: Plant, value: Callable[[Exact], Any]) -> list[list[A
     return [[value(plant.slopes.constant((i, j))) for j in range(plant.n)] for i in range(plant.n)]
 
 
-def _weights(n: int, rho: Quantity, value: Callable[[Exact], Any]) -> list[list[Any]]:
-    weights = dict(rho.weights)
-    return [[value(weights[i, j]) if (i, j) in weights else 0 for j in range(n)] for i in range(n)]
+def _weights(shape: tuple[int, int], rho: Quantity, value: Callable[[Exact], Any]) -> list[list[Any]]:
+    weights, (rows, columns) = dict(rho.weights), shape
+    return [[value(weights[i, j]) if (i, j) in weights else 0 for j in range(columns)] for i in range(rows)]
 
 
 @dataclass(frozen=True)
@@ -238,7 +289,7 @@ class HybridSystem:
 
     @property
     def measurement(self) -> tuple[Expression, ...]:
-        """y_k = C x (+ v): over states and `v.0`, `v.1`, .."""
+        """y_k = C x or h(x, u) (+ v): over states, inputs and `v.0`, `v.1`, .."""
         rows = self.plant.outputs()
         if self.plant.noise is None:
             return rows

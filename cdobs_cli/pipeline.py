@@ -128,7 +128,7 @@ def _certify(work: Work, design: Design) -> Check:
     from cdobs_cli.certify.conditions import proved_of_the_plant, with_conditions
 
     spec, family, plant = work.spec, work.spec.observer, plant_of(work.spec, design)
-    if spec.plant.slopes.auto and not design.slopes:
+    if spec.plant.is_to_be_found and not design.slopes:
         statement = f"The error converges: {design.reason or 'there is no design'}."
         convergence = Claim("convergence", "consequence", "undecided", statement, family.source, required=True)
         return Check((convergence, *unbounded_claims(resolve(spec.plant)[0])))

@@ -66,6 +66,7 @@ class Domain:
 
 
 Entry = tuple[int, int]
+_HALF = Exact(Fraction(1, 2))
 
 
 @dataclass(frozen=True)
@@ -74,6 +75,7 @@ class Quantity:
 
     name: `2.1` for an entry that moves by itself, `rho1`, `rho2`, .. for functions that several entries share.
     function: rho where it is known; of an entry by itself its derivative is meant.
+    of: `phi`, or `y` where the entry is one of the Jacobian of the outputs.
     """
 
     name: str
@@ -81,6 +83,7 @@ class Quantity:
     lower: Exact
     upper: Exact
     function: Expression | None = None
+    of: Literal["phi", "y"] = "phi"
 
     @property
     def entry(self) -> Entry:
@@ -95,7 +98,14 @@ class Quantity:
     def text(self, states: tuple[str, ...]) -> str:
         """In a sentence: `d phi_y / d x`, or the function itself."""
         i, j = self.entry
+        if self.of == "y":
+            return f"d y_{i + 1} / d {states[j]}"
         return f"d phi_{states[i]} / d {states[j]}" if self.function is None else str(self.function)
+
+    @property
+    def middle(self) -> Exact:
+        """The middle of its interval."""
+        return (self.lower + self.upper) * _HALF
 
     @staticmethod
     def of_entry(entry: Entry, lower: Exact, upper: Exact) -> Quantity:
@@ -104,8 +114,8 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Slopes:
-    """Claimed bounds of the Jacobian of phi, shapes (n, n); entries in `auto` are to be found and proved
-    (their lower and upper are 0 until then).
+    """Claimed bounds of the Jacobian of phi, shapes (n, n), or of the outputs, (p, n); entries in `auto` are to be
+    found and proved (their lower and upper are 0 until then).
 
     joint: functions that several entries share, where they were found; those entries are `offset` plus what the
     functions add, and lower, upper still bound each of them by itself.
@@ -146,6 +156,14 @@ class Slopes:
         """The class in which every entry moves by itself: it holds this one."""
         return replace(self, joint=(), offset=())
 
+    def with_bounds(self, bounds: Mapping[str, tuple[str, str]]) -> Slopes:
+        """`auto` entries replaced by bounds: {"i.j": (lower, upper)}, from 1. Raises: KeyError where there is none."""
+        lower, upper = ([list(row) for row in end.rows] for end in (self.lower, self.upper))
+        for i, j in self.auto:
+            low, high = bounds[f"{i + 1}.{j + 1}"]
+            lower[i][j], upper[i][j] = Exact(low), Exact(high)
+        return Slopes(ExactMatrix(lower), ExactMatrix(upper))
+
     def constant(self, entry: Entry) -> Exact:
         """What an entry is without the quantities that vary."""
         if entry in self.shared:
@@ -156,7 +174,12 @@ class Slopes:
 @dataclass(frozen=True)
 class Plant:
     """The plant as typed. Shapes: A (n, n), B (n, m) or None, C (p, n), phi n expressions of states and
-    inputs (parameters substituted)."""
+    inputs (parameters substituted).
+
+    h: what is measured, p expressions of states and inputs; None where it is C x. H: the bounds of its Jacobian,
+    (p, n); None where that is C. C holds the entries of the Jacobian that are constant, and the middle of those that
+    vary.
+    """
 
     states: tuple[str, ...]
     inputs: tuple[Input, ...]
@@ -169,6 +192,8 @@ class Plant:
     domain: Domain = field(default_factory=Domain)
     disturbance: Box | None = None
     noise: Box | None = None
+    h: tuple[Expression, ...] | None = None
+    H: Slopes | None = None
 
     @property
     def n(self) -> int:
@@ -181,12 +206,36 @@ class Plant:
         return self.C.shape[0]
 
     @property
+    def functions(self) -> tuple[Expression, ...]:
+        """What must have a value all over the domain: phi, and h where it is known."""
+        return (*self.phi, *(self.h or ()))
+
+    @property
+    def output_quantities(self) -> tuple[Quantity, ...]:
+        """The slopes of the outputs that vary, row by row."""
+        return () if self.H is None else tuple(replace(rho, of="y") for rho in self.H.quantities)
+
+    def output_matrix(self, w: tuple[Exact, ...]) -> ExactMatrix:
+        """The outputs' Jacobian at values w of the slopes that vary, shape (p, n)."""
+        rows = [list(row) for row in self.C.rows]
+        for value, rho in zip(w, self.output_quantities, strict=True):
+            k, j = rho.entry
+            rows[k][j] = value
+        return ExactMatrix(rows) if w else self.C
+
+    @property
+    def is_to_be_found(self) -> bool:
+        """Whether there are slopes, of phi or of the outputs, whose bounds are to be found."""
+        return bool(self.slopes.auto or (self.H is not None and self.H.auto))
+
+    @property
     def is_canonical(self) -> bool:
         """A a chain of integrators, C = [1 0 .. 0], slopes only in the last row (Dinh2014, Theorem III.2)."""
         n = self.n
         chain = all(self.A[i, j] == Exact(1 if j == i + 1 else 0) for i in range(n) for j in range(n))
         first = self.p == 1 and all(self.C[0, j] == Exact(1 if j == 0 else 0) for j in range(n))
-        return chain and first and all(i == n - 1 for i, _ in self.slopes.entries)
+        last = all(i == n - 1 for i, _ in self.slopes.entries)
+        return chain and first and last and not self.output_quantities
 
     @property
     def is_feedforward(self) -> bool:
@@ -200,14 +249,20 @@ class Plant:
 
         Raises: KeyError where an `auto` entry has no bound.
         """
-        if not self.slopes.auto:
+        return replace(self, slopes=self.slopes.with_bounds(bounds)) if self.slopes.auto else self
+
+    def with_output_slopes(self, bounds: Mapping[str, tuple[str, str]]) -> Plant:
+        """The plant with the slopes of its outputs replaced likewise: {"k.j": (lower, upper)}, from 1.
+
+        Raises: KeyError where an `auto` entry has no bound.
+        """
+        if self.H is None or not self.H.auto:
             return self
-        lower = [list(row) for row in self.slopes.lower.rows]
-        upper = [list(row) for row in self.slopes.upper.rows]
-        for i, j in self.slopes.auto:
-            low, high = bounds[f"{i + 1}.{j + 1}"]
-            lower[i][j], upper[i][j] = Exact(low), Exact(high)
-        return replace(self, slopes=Slopes(ExactMatrix(lower), ExactMatrix(upper)))
+        H = self.H.with_bounds(bounds)
+        C = [list(row) for row in self.C.rows]
+        for k, j in self.H.auto:
+            C[k][j] = (H.lower[k, j] + H.upper[k, j]) * _HALF
+        return replace(self, C=ExactMatrix(C), H=H)
 
     def widened(self, margin: Mapping[str, Fraction | Exact]) -> Plant:
         """The plant with every side of its domain moved outwards so far that each named state has `margin` of room:
@@ -249,23 +304,28 @@ class Plant:
         return values
 
     def continued(self) -> Plant:
-        """The plant with phi continued linearly outside the domain's box: phi(sat(x)) + G (x - sat(x)).
+        """The plant with phi, and outputs whose slopes vary, continued linearly outside the domain's box:
+        phi(sat(x)) + G (x - sat(x)).
 
         sat cuts each state to the box, G is the centre of the slope box. For x in the box and any x_hat
         sat(x_hat)_j - x_j = theta_j (x_hat_j - x_j) with theta_j in [0, 1], so column j of the error's slope is
         theta_j V_j + (1 - theta_j) G_j: it stays in the slope box, wherever the estimate goes.
         """
         inside = self.clipped()
-        half = Exact(Fraction(1, 2))
-        phi = []
-        for i, one in enumerate(self.phi):
+
+        def beyond(one: Expression, G: Iterable[Exact]) -> Expression:
             value = one.substitute(inside)
-            for j, name in enumerate(self.states):
-                G = (self.slopes.lower[i, j] + self.slopes.upper[i, j]) * half
-                if name in self.domain.box and G.sign() != 0:
-                    value = value + G.expression * (Variable(name) - inside[name])
-            phi.append(value)
-        return replace(self, phi=tuple(phi))
+            for name, slope in zip(self.states, G, strict=True):
+                if name in self.domain.box and slope.sign() != 0:
+                    value = value + slope.expression * (Variable(name) - inside[name])
+            return value
+
+        ends = zip(self.slopes.lower.rows, self.slopes.upper.rows, strict=True)
+        centres = [[(low + high) * _HALF for low, high in zip(*rows, strict=True)] for rows in ends]
+        phi = tuple(beyond(one, G) for one, G in zip(self.phi, centres, strict=True))
+        varying = {rho.entry[0] for rho in self.output_quantities}
+        h = self.h and tuple(beyond(one, self.C.rows[k]) if k in varying else one for k, one in enumerate(self.h))
+        return replace(self, phi=phi, h=h)
 
     def without_zero_slopes(self) -> Plant:
         """The plant with `auto` only where phi depends on the state: elsewhere the slope is the constant 0."""
@@ -286,8 +346,10 @@ class Plant:
         return tuple(rows)
 
     def outputs(self, prefix: str = "") -> tuple[Expression, ...]:
-        """C x as expressions over the names `prefix + state`."""
+        """C x, or h(x, u), as expressions over the names `prefix + state` and the inputs."""
         x = [Variable(prefix + name) for name in self.states]
+        if self.h is not None:
+            return tuple(one.substitute(dict(zip(self.states, x, strict=True))) for one in self.h)
         return tuple(sum(weighted(self.C, k, x), ZERO) for k in range(self.p))
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from cdobs_cli.bounds.joint import joint_slopes
-from cdobs_cli.bounds.slopes import is_shared, resolve, unbounded_claims, with_found
+from cdobs_cli.bounds.slopes import is_shared, resolve, to_be_found, unbounded_claims, with_found
 from cdobs_cli.design import Design
 from cdobs_cli.exact.numbers import Exact, upper_text
 from cdobs_cli.hybrid import HybridSystem
@@ -44,7 +44,7 @@ def new_design(spec: Spec, effort: int) -> Design:
     to stay for the typed initial errors; else the better of that one, for initial errors of its own, and of the one
     whose entries move by themselves, which the continuation serves."""
     plant = spec.plant
-    if not plant.slopes.auto:
+    if not plant.is_to_be_found:
         return _design_over(plant, spec, effort)
     together = _together(spec, effort)
     if together is not None and together.estimate.way == "everywhere":
@@ -128,9 +128,9 @@ def _design_over(region: Plant, spec: Spec, effort: int, *, together: bool = Fal
 
     plant, observer = spec.plant, spec.observer
     slopes: dict[str, tuple[str, str]] = {}
-    if plant.slopes.auto:
+    if plant.is_to_be_found:
         resolved, slopes = resolve(region, together=together)
-        if resolved.slopes.auto:
+        if resolved.is_to_be_found:
             reason = "; ".join(claim.statement for claim in unbounded_claims(resolved))
             return Design(observer.name, "none", plant.sampling, {}, reason=reason)
         plant = with_found(plant, slopes)
@@ -175,14 +175,14 @@ def is_design_of(spec: Spec, stored: Design) -> bool:
 def _holds_what_is_given(spec: Spec, stored: Design) -> bool:
     """Whether the gains, the feedback and the options that the spec types are those of the design, and the slopes
     those that it leaves to be found."""
-    given, auto = spec.observer.given(), spec.plant.slopes.auto
+    given = spec.observer.given()
     if not all(letter in given and given[letter] in (None, matrix) for letter, matrix in stored.gain.items()):
         return False
     if stored.outcome == "none":
         return True
     typed = getattr(spec.observer, "gain", None) is not None
     alone = {name for name in stored.slopes if not is_shared(name)}  # `system_of` reads the others
-    if (stored.outcome == "given") != typed or alone != {f"{i + 1}.{j + 1}" for i, j in auto}:
+    if (stored.outcome == "given") != typed or alone != {name for name, *_ in to_be_found(spec.plant)}:
         return False
     return given.keys() == stored.gain.keys() and _is_confined_as_typed(spec, stored)
 

@@ -180,7 +180,11 @@ def test_splitting_keeps_what_is_undefined_in_phi():
 @pytest.mark.parametrize(
     ("plant", "field"),
     [
-        (typed(["x", "v"], ["v", "-x"], ["x**2"]), "plant.output[0]"),
+        (typed(["x", "v"], ["v", "-x"], ["x**2"], (["x", "v"], ["x1", "x2"]), names=("x1", "x2")), "plant.output[0]"),
+        (
+            typed(["x", "v"], ["v", "-x"], ["x + u"], "lie", inputs={"u": ("1", "2")}, names=("x1", "x2")),
+            "plant.output[0]",
+        ),
         (typed(["x", "v"], ["v", "-x"], ["sin(x)"], "lie", names=("x1", "x2")), "plant.coordinates"),
         (typed(["x", "v"], ["v", "-x"], ["0*x"], "lie", names=("x1", "x2")), "plant.coordinates"),
         (typed(["x", "v"], ["v", "-x"], ["x", "v"], "lie", names=("x1", "x2")), "plant.coordinates"),

@@ -31,10 +31,11 @@ def extended_kalman_filter(plant: Plant, Q: Sequence[Exact], R: Exact, P_0: Sequ
     F = [[row.derivative(name) for name in hat] for row in f]
     P = [[Variable(_entry(min(i, j), max(i, j))) for j in range(n)] for i in range(n)]
     upper = [(i, j) for i in range(n) for j in range(i, n)]
-    C = [entry.expression for entry in plant.C.rows[0]]
+    h = plant.outputs(PREFIX)[0]
+    C = [h.derivative(name) for name in hat]
     PC = [sum((P[i][k] * C[k] for k in range(n)), ZERO) for i in range(n)]
     spread = sum((C[i] * PC[i] for i in range(n)), ZERO) + R.expression
-    innovation = Variable("y.0") - plant.outputs(PREFIX)[0]
+    innovation = Variable("y.0") - h
     rates = [sum((F[i][k] * P[k][j] + P[i][k] * F[j][k] for k in range(n)), ZERO) for i, j in upper]
     flow_P = [rate + Q[i].expression if i == j else rate for (i, j), rate in zip(upper, rates, strict=True)]
     return Observer(

@@ -75,9 +75,9 @@ def _modulus(value: Exact) -> Exact:
 
 
 def holds_everywhere(plant: Plant) -> bool:
-    """Whether phi is defined and its slopes hold for every state: by the ranges of the functions alone."""
+    """Whether phi and h are defined and their slopes hold for every state: by the ranges of the functions alone."""
     region = Region.of(replace(plant, domain=Domain()))
-    if any(set(plant.states) & phi.variables and not is_total(phi) for phi in plant.phi):
+    if any(set(plant.states) & phi.variables and not is_total(phi) for phi in plant.functions):
         return False
     return all(_is_between(range_of(slope, region.box), low, high) for slope, low, high in claimed(plant))
 
@@ -89,10 +89,10 @@ def _is_between(values: Range, low: Exact, high: Exact) -> bool:
 
 
 def _slopes_hold(plant: Plant, *, zeros: bool = False) -> bool:
-    """Whether phi is defined and its slopes are proved all over the domain: all of them, or those declared to be 0
-    (where the family proves the other ones itself)."""
+    """Whether phi and h are defined and their slopes are proved all over the domain: all of them, or those declared to
+    be 0 (where the family proves the other ones itself)."""
     region = Region.of(plant)
-    if not all(is_total(phi) or defined(phi, region).status == "proved" for phi in plant.phi):
+    if not all(is_total(phi) or defined(phi, region).status == "proved" for phi in plant.functions):
         return False
     judged: Iterable[tuple[Expression, Exact, Exact]] = claimed(plant)
     if zeros:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import isfinite
@@ -21,8 +21,10 @@ from cdobs_cli.certificate import Claim, Status, Witness
 from cdobs_cli.exact.expression import ONE, ZERO, Expression
 from cdobs_cli.exact.numbers import Exact, fraction_text, lower_text, upper_text
 from cdobs_cli.exact.rational import is_zero, simplify
-from cdobs_cli.plant import Entry, Plant, Quantity
+from cdobs_cli.plant import Entry, Plant, Quantity, Slopes
 
+# How names of bounds of the outputs' slopes begin.
+OUTPUT = "output."
 SOURCE = "the slope premise of every family (Dinh2014, Assumption 1; Boukal2020, Section II)"
 
 
@@ -34,18 +36,20 @@ def slope_claims(plant: Plant) -> tuple[Claim, ...]:
     At kinks (abs, min, max, sat) the Clarke gradient is bounded. The domain is convex, so the bound holds
     for secants between any two of its points, which is what the error equation needs.
 
-    Returns: claims `slopes.<i>.<j>` (from 1), required; proved, refuted with an exact point, or undecided
-    with what would settle them. Besides, not required, `defined` where phi may be undefined somewhere, and
-    `domain_invariant` where a domain is given.
+    Returns: claims `slopes.<i>.<j>` (from 1), of outputs `slopes.output.<k>.<j>`, required; proved, refuted with an
+    exact point, or undecided with what would settle them. Besides `defined` where phi or h may be undefined somewhere
+    and, not required, `domain_invariant` where a domain is given.
     """
     region = Region.of(plant)
-    judged = tuple(defined(phi, region) for phi in plant.phi)
+    judged = tuple(defined(one, region) for one in plant.functions)
     entries = dict.fromkeys(plant.slopes.entries, ZERO) | dict(varying(plant))
     alone = sorted(entries.keys() - plant.slopes.shared)
     claims = [_claim(plant, *at, entries[at], region, judged[at[0]]) for at in alone]
     claims += [_joint_claim(plant, rho, region, judged) for rho in plant.slopes.joint]
-    if not all(map(is_total, plant.phi)):
-        claims.append(defined_claim(judged, region))
+    claims += [_output_claim(plant, at, slope, region, judged[plant.n + at[0]]) for at, slope in of_outputs(plant)]
+    if not all(map(is_total, plant.functions)):
+        what = "phi" if plant.h is None else "phi and the outputs"
+        claims.append(defined_claim(judged, region, what))
     if plant.domain:
         claims.append(domain_invariant(plant))
     return tuple(claims)
@@ -60,27 +64,55 @@ def varying(plant: Plant) -> Iterator[tuple[tuple[int, int], Expression]]:
                 yield (i, j), slope
 
 
+def of_outputs(plant: Plant) -> Iterator[tuple[Entry, Expression]]:
+    """The slopes of the outputs that are not constant, with their places."""
+    for k, one in enumerate(plant.h or () if plant.H is not None else ()):
+        for j, name in enumerate(plant.states):
+            slope = one.derivative(name)
+            if simplify(slope).variables:
+                yield (k, j), slope
+
+
 def claimed(plant: Plant) -> Iterator[tuple[Expression, Exact, Exact]]:
-    """Functions with the bounds that the slope class claims: entries by themselves, then those that entries share."""
+    """Functions with the bounds that the slope class claims: entries by themselves, then those that entries share,
+    then those of the outputs."""
     slopes = plant.slopes
     yield from ((slope, slopes.lower[at], slopes.upper[at]) for at, slope in varying(plant) if at not in slopes.shared)
     yield from ((rho.function, rho.lower, rho.upper) for rho in slopes.joint if rho.function is not None)
+    if plant.H is not None:
+        yield from ((slope, plant.H.lower[at], plant.H.upper[at]) for at, slope in of_outputs(plant))
 
 
 def _claim(plant: Plant, i: int, j: int, slope: Expression, region: Region, judged: Definedness) -> Claim:
-    low, high = plant.slopes.lower[i, j], plant.slopes.upper[i, j]
-    statement = f"{low} <= d phi_{i + 1} / d {plant.states[j]} = {simplify(slope)} <= {high} for {region.text()}"
+    ends, name = (plant.slopes.lower[i, j], plant.slopes.upper[i, j]), f"phi_{i + 1}"
+    return _premise(f"{i + 1}.{j + 1}", (name, plant.states[j]), slope, ends, region, judged)
+
+
+def _output_claim(plant: Plant, at: Entry, slope: Expression, region: Region, judged: Definedness) -> Claim:
+    assert plant.H is not None
+    k, j = at
+    ends, names = (plant.H.lower[at], plant.H.upper[at]), (f"y_{k + 1}", plant.states[j])
+    return _premise(f"{OUTPUT}{k + 1}.{j + 1}", names, slope, ends, region, judged)
+
+
+def _premise(
+    identifier: str, names: tuple[str, str], slope: Expression, ends: tuple[Exact, Exact], region: Region,
+    judged: Definedness,
+) -> Claim:  # fmt: skip
+    """The bounds of one slope, d names[0] / d names[1]."""
+    low, high = ends
+    statement = f"{low} <= d {names[0]} / d {names[1]} = {simplify(slope)} <= {high} for {region.text()}"
     if region.where and next(high_points(ONE, region), None) is None:
         decided = Decision("undecided", "branch and bound", reason="no point of the domain was found; it may be empty")
     elif judged.status == "proved":
         decided = decide(slope, low, high, region)
     else:
         doubt = "proved to be " if judged.status == "undecided" else ""
-        reason = f"phi_{i + 1} is not {doubt}defined there, {judged.condition} is needed"
+        reason = f"{names[0]} is not {doubt}defined there, {judged.condition} is needed"
         decided = Decision(judged.status, "definedness", witness=point_witness(judged.point), reason=reason)
     text = statement if decided.reason is None else f"{statement}: {decided.reason}"
     return Claim(
-        f"slopes.{i + 1}.{j + 1}", "premise", decided.status, text, SOURCE, required=True, margin=decided.margin,
+        f"slopes.{identifier}", "premise", decided.status, text, SOURCE, required=True, margin=decided.margin,
         method=decided.method, witness=decided.witness,
     )  # fmt: skip
 
@@ -118,26 +150,43 @@ def resolve(plant: Plant, *, together: bool = True) -> tuple[Plant, dict[str, tu
     """Proved bounds for the entries declared `auto`, rounded outwards to short decimals.
 
     Returns: the plant with these bounds, and the bounds by entry, {"2.1": (lower, upper)}, from 1, and by function
-    where several entries share some, {"rho1": (lower, upper)}. An entry for which no finite bound was proved stays in
-    `slopes.auto`.
+    where several entries share some, {"rho1": (lower, upper)}, and of outputs, {"output.1.2": (lower, upper)}. An entry
+    for which no finite bound was proved stays in `slopes.auto`, or `H.auto`.
 
     Args:
         together: whether entries that share functions are to move together.
     """
     region = Region.of(plant)
     found = {}
-    for i, j in sorted(plant.slopes.auto):
-        bounds = automatic(plant.phi[i].derivative(plant.states[j]), region)
+    for name, _, slope in to_be_found(plant):
+        bounds = automatic(slope, region)
         if bounds is not None:
-            found[f"{i + 1}.{j + 1}"] = bounds
-    missing = frozenset((i, j) for i, j in plant.slopes.auto if f"{i + 1}.{j + 1}" not in found)
+            found[name] = bounds
+    missing = {name for name, _, _ in to_be_found(plant)} - found.keys()
     if missing:
-        return replace(plant, slopes=replace(plant.slopes, auto=missing)), found
+        slopes, H = _left_of(plant.slopes, missing), None if plant.H is None else _left_of(plant.H, missing, OUTPUT)
+        return replace(plant, slopes=slopes, H=H), found
     joint = joint_slopes(plant) if together else None
     ends = [automatic(one.function, region) for one in joint.functions] if joint is not None else []
     if ends and None not in ends:
         found |= {f"rho{k + 1}": bounds for k, bounds in enumerate(ends) if bounds is not None}
     return with_found(plant, found), found
+
+
+def to_be_found(plant: Plant) -> Iterator[tuple[str, str, Expression]]:
+    """The slopes left `auto`, of phi and of the outputs: the name of their bounds, their own, and what they are."""
+    for i, j in sorted(plant.slopes.auto):
+        name = plant.states[j]
+        yield f"{i + 1}.{j + 1}", f"d phi_{i + 1}/d {name}", plant.phi[i].derivative(name)
+    for k, j in sorted(plant.H.auto) if plant.H is not None else ():
+        assert plant.h is not None
+        name = plant.states[j]
+        yield f"{OUTPUT}{k + 1}.{j + 1}", f"d y_{k + 1}/d {name}", plant.h[k].derivative(name)
+
+
+def _left_of(slopes: Slopes, missing: Set[str], prefix: str = "") -> Slopes:
+    """The slopes with `auto` only where a name is missing."""
+    return replace(slopes, auto=frozenset((i, j) for i, j in slopes.auto if f"{prefix}{i + 1}.{j + 1}" in missing))
 
 
 def is_shared(name: str) -> bool:
@@ -146,11 +195,12 @@ def is_shared(name: str) -> bool:
 
 
 def with_found(plant: Plant, found: Mapping[str, tuple[str, str]]) -> Plant:
-    """The plant with the slopes that were found: of each entry, and of the functions that entries share.
+    """The plant with the slopes that were found: of each entry, of the functions that entries share, of outputs.
 
     Raises: KeyError where an `auto` entry has no bound, ValueError for functions that the plant's slopes do not share.
     """
-    resolved = plant.with_slopes(found)
+    of_y = {name.removeprefix(OUTPUT): ends for name, ends in found.items() if name.startswith(OUTPUT)}
+    resolved = plant.with_slopes(found).with_output_slopes(of_y)
     names = [name for name in found if is_shared(name)]
     if not names:
         return resolved
@@ -169,12 +219,11 @@ def unbounded_claims(plant: Plant) -> tuple[Claim, ...]:
     """The premises of a plant with slopes left in `auto`: no bound was proved for them, and what would give one."""
     region = Region.of(plant)
     claims = []
-    for i, j in sorted(plant.slopes.auto):
-        slope = simplify(plant.phi[i].derivative(plant.states[j]))
-        free = [name for name in region.unbounded if name in slope.variables] or sorted(slope.variables)
-        what = f"d phi_{i + 1}/d {plant.states[j]} = {slope}"
-        statement = f"no bound of {what} was proved; declare a smaller domain of {', '.join(free)}"
-        claims.append(Claim(f"slopes.{i + 1}.{j + 1}", "premise", "undecided", statement, SOURCE, required=True))
+    for name, what, derivative in to_be_found(plant):
+        slope = simplify(derivative)
+        free = [one for one in region.unbounded if one in slope.variables] or sorted(slope.variables)
+        statement = f"no bound of {what} = {slope} was proved; declare a smaller domain of {', '.join(free)}"
+        claims.append(Claim(f"slopes.{name}", "premise", "undecided", statement, SOURCE, required=True))
     return tuple(claims)
 
 

@@ -5,13 +5,14 @@ Over a word of sampling periods the error is multiplied by the monodromy matrix
 
     M = J Phi_m .. J Phi_1,    Phi = product of exp((base + sum_k v_k parts_k) s) over the arcs of a period;
 
-repeated for ever it keeps some error from converging when rho(M) >= 1. Floats search, balls prove
-(`refutes`). Such a witness is about the slope class: some plant with these slopes defeats the gain.
+repeated for ever it keeps some error from converging when rho(M) >= 1. Where outputs have slopes that vary each J is
+one of the class, chosen at each sample. Floats search, balls prove (`refutes`). Such a witness is about the slope
+class: some plant with these slopes defeats the gain.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice, product
@@ -27,6 +28,7 @@ from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import Exact, decimal_text, lower_text
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
+from cdobs_cli.plant import Quantity
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
 
 _ALL_CORNERS = 10  # up to 2^10 corners are all tried, beyond that an ascent picks some
 _PERIOD_WORDS = 6
+_MOST_JUMPS = 64  # corners of the jump that are tried
 _SLACK = 1e-7  # how far below 1 a float spectral radius may be for a proof to be tried
 
 
@@ -49,13 +52,25 @@ class Arc:
 
 @dataclass(frozen=True)
 class Word:
-    """Sampling periods, each a sequence of arcs; repeated for ever."""
+    """Sampling periods, each a sequence of arcs; repeated for ever.
+
+    outputs: the slopes of the outputs that vary (order: `inclusion.outputs`) at the sample that ends each period; empty
+    where none does."""
 
     periods: tuple[tuple[Arc, ...], ...]
+    outputs: tuple[tuple[Exact, ...], ...] = ()
+
+    @property
+    def samples(self) -> Iterator[tuple[tuple[Arc, ...], tuple[Exact, ...]]]:
+        """Each period with the slopes of the outputs at its end."""
+        return zip(self.periods, self.outputs or ((),) * len(self.periods), strict=True)
 
     def witness(self, inclusion: HybridInclusion, multiplier: arb) -> Witness:
         """The word as data: arc lengths, slope values, and how many arcs each sampling period has."""
         arcs = [arc for period in self.periods for arc in period]
+        data: dict[str, Any] = {"arcs": [len(period) for period in self.periods]}
+        if inclusion.outputs:
+            data["outputs"] = output_texts(inclusion, self.outputs)
         return Witness(
             "constant" if len(arcs) == 1 else "switching",
             "class",
@@ -63,7 +78,7 @@ class Word:
             tuple(tuple(str(value) for value in arc.values) for arc in arcs),
             lower_text(multiplier),
             inclusion.entries,
-            {"arcs": [len(period) for period in self.periods]},
+            data,
         )
 
     @staticmethod
@@ -77,7 +92,27 @@ class Word:
         if sum(counts) != len(arcs) or min(counts, default=0) < 1:
             raise ValueError("the arcs of a word fill its sampling periods")
         starts = [sum(counts[:k]) for k in range(len(counts))]
-        return Word(tuple(tuple(arcs[start : start + count]) for start, count in zip(starts, counts, strict=True)))
+        periods = tuple(tuple(arcs[start : start + count]) for start, count in zip(starts, counts, strict=True))
+        columns = [[Exact(text) for text in column["values"]] for column in witness.data.get("outputs", ())]
+        outputs = tuple(zip(*columns, strict=True))
+        if columns and len(outputs) != len(periods):
+            raise ValueError("outputs have one slope at each sample")
+        return Word(periods, outputs)
+
+
+def output_texts(inclusion: HybridInclusion, outputs: tuple[tuple[Exact, ...], ...]) -> list[dict[str, Any]]:
+    """The slopes of the outputs at the samples of a word, as data: of each its entry, from 0, and its values."""
+    columns = zip(inclusion.outputs, zip(*outputs, strict=True), strict=True)
+    return [{"entry": list(rho.entry), "values": [str(value) for value in values]} for rho, values in columns]
+
+
+def is_about(witness: Witness, inclusion: HybridInclusion) -> bool:
+    """Whether a witness is about these slopes, of the flow and of the outputs."""
+    seen = witness.data.get("outputs", ())
+    if not isinstance(seen, list | tuple) or not all(isinstance(column, Mapping) for column in seen):
+        return False
+    of_outputs = [list(column.get("entry", ())) for column in seen]
+    return witness.entries == inclusion.entries and of_outputs == [list(rho.entry) for rho in inclusion.outputs]
 
 
 def refute(inclusion: HybridInclusion, effort: int) -> Witness | None:
@@ -98,7 +133,7 @@ def refute(inclusion: HybridInclusion, effort: int) -> Witness | None:
 
 def refutes(inclusion: HybridInclusion, witness: Witness) -> bool:
     """Whether a stored witness defeats this inclusion: slopes in the box, periods in the law, rho(M) >= 1."""
-    if witness.kind not in ("constant", "switching") or witness.entries != inclusion.entries:
+    if witness.kind not in ("constant", "switching") or not is_about(witness, inclusion):
         return False
     try:
         word = Word.from_witness(witness)
@@ -109,12 +144,12 @@ def refutes(inclusion: HybridInclusion, witness: Witness) -> bool:
 
 def prove(inclusion: HybridInclusion, word: Word) -> arb | None:
     """A lower bound of rho(M) where rho(M) >= 1 is proved for an admissible word; None otherwise."""
-    if not all(_admissible(inclusion, period) for period in word.periods):
+    if not all(_admissible(inclusion, *sample) for sample in word.samples):
         return None
     M = monodromy(inclusion.balls, word)
     if not has_spectral_radius_at_least(M):
-        values = {arc.values for period in word.periods for arc in period}
-        return arb(1) if len(values) == 1 and leaves_unseen(inclusion, values.pop()) else None
+        values = {(arc.values, w) for period, w in word.samples for arc in period}
+        return arb(1) if len(values) == 1 and leaves_unseen(inclusion, *values.pop()) else None
     bound = spectral_radius_lower(M)
     return bound if bound > 1 else arb(1)
 
@@ -122,39 +157,45 @@ def prove(inclusion: HybridInclusion, word: Word) -> arb | None:
 def monodromy(maps: ErrorMaps[Matrix], word: Word) -> Matrix:
     """M = J Phi_m .. J Phi_1 in balls."""
     total = Matrix.identity(maps.base.shape[0])
-    for period in word.periods:
+    for period, w in word.samples:
         for arc in period:
             total = maps.flow(tuple(value.scalar for value in arc.values)).exp(arc.length.scalar) @ total
-        total = maps.jump @ total
+        total = maps.jump_at(tuple(value.scalar for value in w)) @ total
     return total
 
 
-def _admissible(inclusion: HybridInclusion, period: tuple[Arc, ...]) -> bool:
+def _admissible(inclusion: HybridInclusion, period: tuple[Arc, ...], w: tuple[Exact, ...]) -> bool:
     """Whether the slopes certainly lie in the box, and the arcs fill a period of the law."""
-    for arc in period:
-        if arc.length.sign() != 1 or len(arc.values) != len(inclusion.quantities):
-            return False
-        for value, rho in zip(arc.values, inclusion.quantities, strict=True):
-            if not (_at_most(rho.lower, value) and _at_most(value, rho.upper)):
-                return False
+    if not _within(w, inclusion.outputs):
+        return False
+    if any(arc.length.sign() != 1 or not _within(arc.values, inclusion.quantities) for arc in period):
+        return False
     length = period[0].length
     for arc in period[1:]:
         length = length + arc.length
     return _at_most(inclusion.sampling.T_min, length) and _at_most(length, inclusion.sampling.T_max)
 
 
+def _within(values: tuple[Exact, ...], quantities: tuple[Quantity, ...]) -> bool:
+    """Whether each value certainly lies between the ends of its quantity."""
+    if len(values) != len(quantities):
+        return False
+    return all(_at_most(rho.lower, v) and _at_most(v, rho.upper) for v, rho in zip(values, quantities, strict=True))
+
+
 def _at_most(low: Exact, high: Exact) -> bool:
     return low == high or (high - low).sign() in (0, 1)
 
 
-def leaves_unseen(inclusion: HybridInclusion, values: tuple[Exact, ...]) -> bool:
-    """Whether constant slopes make some error that never shows in the outputs and does not decay: then no gain
-    and no sampling law helps. Exact, for rational data: A + V on the unobservable subspace is not Hurwitz, and
-    flow and jump keep that subspace."""
-    maps, C = inclusion.balls, inclusion.plant.C.balls()
+def leaves_unseen(inclusion: HybridInclusion, values: tuple[Exact, ...], w: tuple[Exact, ...]) -> bool:
+    """Whether constant slopes, of the flow and of the outputs, make some error that never shows in the outputs and does
+    not decay: then no gain and no sampling law helps. Exact, for rational data: A + V on the unobservable subspace is
+    not Hurwitz, and flow and jump keep that subspace."""
+    maps, C = inclusion.balls, inclusion.plant.output_matrix(w).balls()
+    J = maps.jump_at(tuple(value.scalar for value in w))
     F = maps.flow(tuple(value.scalar for value in values))
     A = inclusion.view_balls.flow(value.scalar for value in values) if inclusion.quantities else inclusion.view_balls.A
-    if not (F.is_rational and maps.jump.is_rational and C.is_rational and A.is_rational):
+    if not (F.is_rational and J.is_rational and C.is_rational and A.is_rational):
         return False
     basis = unobservable_subspace(A, C)
     if basis is None:
@@ -163,7 +204,7 @@ def leaves_unseen(inclusion: HybridInclusion, values: tuple[Exact, ...]) -> bool
     kept = (basis.T @ basis).solve(basis.T @ A @ basis)  # A N = N kept
     embedded = block([[basis], [Matrix.zeros(F.shape[0] - A.shape[0], size)]]) if F.shape[0] > A.shape[0] else basis
     if (F @ embedded - embedded @ kept).data != Matrix.zeros(F.shape[0], size).data or (
-        maps.jump @ embedded
+        J @ embedded
     ).data != embedded.data:
         return False
     return not is_hurwitz(kept)
@@ -183,15 +224,20 @@ def _unseen_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
     if inclusion.sampling.T_max.sign() != 1:
         return
     candidates = [_values(inclusion, corner) for corner in islice(candidate_corners(inclusion), 16)]
-    ends = [(rho.lower.rational, rho.upper.rational) for rho in inclusion.quantities]
-    if all(low is not None and high is not None for low, high in ends):
-        candidates.append(tuple(Exact((low + high) / 2) for low, high in ends if low is not None and high is not None))
-        candidates.append(
-            tuple(Exact(min(max(low, Fraction(0)), high)) for low, high in ends if low is not None and high is not None)
-        )
-    for values in candidates:
-        if leaves_unseen(inclusion, values):
-            yield Word(((Arc(inclusion.sampling.T_max, values),),))
+    candidates += _inner(inclusion.quantities)
+    for values, w in product(candidates, _inner(inclusion.outputs)):
+        if leaves_unseen(inclusion, values, w):
+            yield Word(((Arc(inclusion.sampling.T_max, values),),), (w,) if w else ())
+
+
+def _inner(quantities: tuple[Quantity, ...]) -> list[tuple[Exact, ...]]:
+    """The middle of the slopes, and those nearest to 0, where their ends are rational."""
+    ends = [(rho.lower.rational, rho.upper.rational) for rho in quantities]
+    known = [(low, high) for low, high in ends if low is not None and high is not None]
+    if len(known) < len(ends):
+        return []
+    middle = tuple(Exact((low + high) / 2) for low, high in known)
+    return [middle, tuple(Exact(min(max(low, Fraction(0)), high)) for low, high in known)] if known else [()]
 
 
 def _switching_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
@@ -215,7 +261,8 @@ def _switching_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
                     for length, (_, corner) in zip([*lengths, last], arcs, strict=True)
                 )
             )
-        yield Word(tuple(periods))
+        samples = (_ends_of(inclusion.outputs, corner) for corner in proposal.jumps)
+        yield Word(tuple(periods), tuple(samples) if inclusion.outputs else ())
 
 
 def _period_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
@@ -224,7 +271,7 @@ def _period_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
 
     law, maps = inclusion.sampling, inclusion.floats
     low, high = law.T_min, law.T_max
-    if inclusion.entries or low == high or high.sign() != 1 or not _finite(maps):
+    if inclusion.entries or inclusion.outputs or low == high or high.sign() != 1 or not _finite(maps):
         return
     for proposal in propose(maps.base, maps.jump, float(low), float(high), effort)[:_PERIOD_WORDS]:
         if proposal.radius < 1 - _SLACK:
@@ -238,20 +285,25 @@ def _period_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
 
 
 def _constant_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
-    """Constant corners, the most unstable in floats first, at each period worth a try."""
+    """Constant corners, of flow and jump, the most unstable in floats first, at each period worth a try."""
     maps = inclusion.floats
     corners = list(candidate_corners(inclusion))
     if not _finite(maps):
         return
     flows = np.array([maps.flow(_floats(inclusion, corner)) for corner in corners])
+    jumps = list(islice(product((False, True), repeat=len(inclusion.outputs)), _MOST_JUMPS))
     found = []
     for T in candidate_periods(inclusion.sampling, effort):
-        for corner, rho in zip(corners, spectral_radii(maps.jump @ exponentials(flows * float(T))), strict=True):
-            if rho >= 1 - _SLACK:
-                found.append((rho, T, corner))
+        Phi = exponentials(flows * float(T))
+        for bits in jumps:
+            w = _ends_of(inclusion.outputs, bits)
+            J = maps.jump_at(tuple(map(float, w)))
+            for corner, rho in zip(corners, spectral_radii(J @ Phi), strict=True):
+                if rho >= 1 - _SLACK:
+                    found.append((rho, T, corner, w))
     found.sort(key=lambda item: -item[0])
-    for _, T, corner in found[:8]:
-        yield Word(((Arc(T, _values(inclusion, corner)),),))
+    for _, T, corner, w in found[:8]:
+        yield Word(((Arc(T, _values(inclusion, corner)),),), (w,) if w else ())
 
 
 def candidate_periods(law: SamplingLaw, effort: int) -> list[Exact]:
@@ -302,7 +354,12 @@ def candidate_corners(inclusion: HybridInclusion) -> Iterator[tuple[bool, ...]]:
 
 
 def _values(inclusion: HybridInclusion, corner: tuple[bool, ...]) -> tuple[Exact, ...]:
-    return tuple(rho.upper if up else rho.lower for up, rho in zip(corner, inclusion.quantities, strict=True))
+    return _ends_of(inclusion.quantities, corner)
+
+
+def _ends_of(quantities: tuple[Quantity, ...], corner: tuple[bool, ...]) -> tuple[Exact, ...]:
+    """The values at a corner (True: upper end)."""
+    return tuple(rho.upper if up else rho.lower for up, rho in zip(corner, quantities, strict=True))
 
 
 def _floats(inclusion: HybridInclusion, corner: tuple[bool, ...]) -> tuple[float, ...]:
@@ -310,7 +367,7 @@ def _floats(inclusion: HybridInclusion, corner: tuple[bool, ...]) -> tuple[float
 
 
 def _finite(maps: ErrorMaps[Any]) -> bool:
-    parts = (maps.base, maps.jump, *maps.parts, np.array(maps.lower), np.array(maps.upper))
+    parts = (maps.base, maps.jump, *maps.parts, np.array(maps.lower), np.array(maps.upper), *maps.jump_parts)
     return all(bool(np.all(np.isfinite(part))) for part in parts)
 
 

@@ -21,12 +21,13 @@ MAX_VERTICES = 2**12
 
 @dataclass(frozen=True)
 class Level:
-    """V just after the first sample is e_0'M e_0 for an error e_0 before it; afterwards e_j^2 <= reach[j] V.
+    """V just after the first sample is at most the largest e_0'M e_0 for an error e_0 before it; afterwards
+    e_j^2 <= reach[j] V.
 
-    M: shape (n, n). reach: n upper ends.
+    forms: M at each corner of the jump, shapes (n, n). reach: n upper ends.
     """
 
-    M: Matrix
+    forms: tuple[Matrix, ...]
     reach: tuple[arb, ...]
 
     def largest(self, start: Box) -> arb:
@@ -35,7 +36,7 @@ class Level:
         if 2 ** len(ends) > MAX_VERTICES:
             return arb.pos_inf()
         vertices = (Matrix.from_rows([[value] for value in vertex]) for vertex in product(*ends))
-        return _largest(arb((e.T @ self.M @ e)[0, 0]) for e in vertices)
+        return _largest(arb((e.T @ M @ e)[0, 0]) for e in vertices for M in self.forms)
 
     def bounds(self, start: Box) -> tuple[arb, ...]:
         """Upper ends of |e_j(t)|, for all t after the first sample, from any error of the box before it."""
@@ -47,7 +48,7 @@ def constant_level(P: ExactMatrix) -> Level:
     """The level sets of a function that is e'Pe at samples and never below it: P > 0, shape (n, n)."""
     exact = P.balls()
     inverse = exact.inverse()
-    return Level(exact, tuple(arb(inverse[j, j]).upper() for j in range(exact.shape[0])))
+    return Level((exact,), tuple(arb(inverse[j, j]).upper() for j in range(exact.shape[0])))
 
 
 def _largest(values: Iterator[arb]) -> arb:

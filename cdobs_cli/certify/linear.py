@@ -35,8 +35,8 @@ class StableInterval:
 
 
 def is_linear(inclusion: HybridInclusion) -> bool:
-    """No uncertain slope, one constant period."""
-    return not inclusion.quantities and inclusion.sampling.is_periodic
+    """No uncertain slope, of the flow or of the outputs, one constant period."""
+    return not (inclusion.quantities or inclusion.outputs) and inclusion.sampling.is_periodic
 
 
 def stable_intervals(inclusion: HybridInclusion, shortest: float, longest: float) -> list[StableInterval]:

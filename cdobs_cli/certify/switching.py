@@ -1,9 +1,9 @@
 """The search for switching counterexamples, in floats: which V(t), at corners of the slope box, makes rho(M) largest.
 
 By the maximum principle an extremal V(t) is bang-bang: with e the error along the leading eigenvector and p
-the costate along the left one, v_k follows the sign of p' parts_k e. Starting from some V on a grid
-of slots, that rule is applied again and again (policy iteration); arcs of equal slopes are then merged and
-their lengths refined. What comes out is only proposed: `falsify.prove` decides.
+the costate along the left one, v_k follows the sign of p' parts_k e; so do, at each sample, slopes of the outputs
+that vary. Starting from some V on a grid of slots, that rule is applied again and again (policy iteration); arcs of
+equal slopes are then merged and their lengths refined. What comes out is only proposed: `falsify.prove` decides.
 """
 
 from __future__ import annotations
@@ -32,11 +32,13 @@ _PROMISING = 0.985  # a radius from which lengths are refined
 
 @dataclass(frozen=True)
 class Proposal:
-    """Arcs of a word: lengths as floats and corners (True: upper end) by period, and the radius in floats."""
+    """Arcs of a word: lengths as floats and corners (True: upper end) by period, the corner of the jump after each, and
+    the radius in floats."""
 
     radius: float
     periods: tuple[Exact, ...]
     arcs: tuple[tuple[tuple[float, tuple[bool, ...]], ...], ...]
+    jumps: tuple[tuple[bool, ...], ...] = ()
 
 
 def propose(inclusion: HybridInclusion, effort: int, exponentials: Any) -> list[Proposal]:
@@ -47,7 +49,7 @@ def propose(inclusion: HybridInclusion, effort: int, exponentials: Any) -> list[
     """
     level = max(0, min(effort, 3))
     maps = inclusion.floats
-    if level == 0 or not maps.lower:  # without slopes the periods alone are left: `period_words`
+    if level == 0 or not (maps.lower or maps.jump_lower):  # without slopes the periods alone are left: `period_words`
         return []
     return propose_for(maps, list(_period_words(inclusion, _PERIODS[level])), level, exponentials)
 
@@ -96,7 +98,9 @@ class _Search:
         self.maps, self.exponentials, self.slots = maps, exponentials, slots
         self.parts = np.array(maps.parts).reshape(-1, *maps.base.shape)  # (k, N, N)
         self.lower, self.upper = np.array(maps.lower, dtype=float), np.array(maps.upper, dtype=float)
-        self.k = len(self.lower)
+        self.k, self.m = len(self.lower), len(maps.jump_lower)
+        self.jump_parts = np.array(maps.jump_parts).reshape(-1, *maps.base.shape)
+        self.half = (np.array(maps.jump_upper, dtype=float) - np.array(maps.jump_lower, dtype=float)) / 2
 
     def word(self, periods: tuple[Exact, ...], starts: int) -> list[Proposal]:
         import numpy as np
@@ -105,7 +109,7 @@ class _Search:
         rng = np.random.default_rng(1000 * W + self.k)
         lengths = np.repeat([float(T) / slots for T in periods], slots)
         found: dict[bytes, Proposal] = {}
-        for start in range(starts if self.k else 1):
+        for start in range(starts if self.k or self.m else 1):
             if start == 0:
                 bits = np.ones((W * slots, self.k), dtype=bool)
             elif start == 1:
@@ -113,51 +117,71 @@ class _Search:
             else:  # a few arcs, drawn once and for all
                 bits = np.repeat(rng.random((W * 2, self.k)) < 0.5, slots // 2, axis=0)[: W * slots]
                 bits = np.concatenate([bits, np.repeat(bits[-1:], W * slots - len(bits), axis=0)])
-            radius, bits = self._improve(bits, lengths, W)
-            key = bits.tobytes()
+            at_jumps = rng.random((W, self.m)) < 0.5 if start > 1 else np.full((W, self.m), start == 0)
+            radius, bits, at_jumps = self._improve(bits, at_jumps, lengths, W)
+            key = bits.tobytes() + at_jumps.tobytes()
             if key in found or not np.isfinite(radius):
                 continue
-            arcs = self._merge(bits, lengths, W)
+            arcs, jumps = self._merge(bits, lengths, W), tuple(tuple(map(bool, row)) for row in at_jumps)
             if _PROMISING <= radius < 1.05:
-                radius, arcs = self._refine(radius, arcs)
-            found[key] = Proposal(radius, periods, arcs)
+                radius, arcs = self._refine(radius, arcs, self._jumps(at_jumps))
+            found[key] = Proposal(radius, periods, arcs, jumps)
         return sorted(found.values(), key=lambda proposal: -proposal.radius)[:2]
 
-    def _improve(self, bits: Any, lengths: Array, W: int) -> tuple[float, Any]:
+    def _jumps(self, at_jumps: Any) -> Array:
+        """The jump after each period, (W, N, N)."""
         import numpy as np
 
-        radius, gradient = self._evaluate(bits, lengths, W)
+        deviations = np.where(at_jumps, self.half, -self.half)
+        jumps: Array = self.maps.jump + np.einsum("wm,mij->wij", deviations, self.jump_parts)
+        return jumps
+
+    def _improve(self, bits: Any, at_jumps: Any, lengths: Array, W: int) -> tuple[float, Any, Any]:
+        import numpy as np
+
+        size = bits.size
+
+        def evaluate(flat: Any) -> tuple[float, Any]:
+            return self._evaluate(flat[:size].reshape(bits.shape), flat[size:].reshape(at_jumps.shape), lengths, W)
+
+        best = np.concatenate([bits.ravel(), at_jumps.ravel()])
+        radius, gradient = evaluate(best)
         for _ in range(_SWEEPS):
             if gradient is None:
                 break
             wanted = gradient > 0
-            changed = wanted != bits
+            changed = wanted != best
             if not changed.any():
                 break
             trial = wanted
-            better, slope = self._evaluate(trial, lengths, W)
+            better, slope = evaluate(trial)
             if not better > radius:  # flip only what promises most
                 worth = np.where(changed, np.abs(gradient), 0.0)
                 limit = np.quantile(worth[changed], 0.75)
-                trial = np.where(worth >= limit, wanted, bits)
-                better, slope = self._evaluate(trial, lengths, W)
+                trial = np.where(worth >= limit, wanted, best)
+                better, slope = evaluate(trial)
                 if not better > radius:
                     break
-            radius, gradient, bits = better, slope, trial
-        return radius, bits
+            radius, gradient, best = better, slope, trial
+        return radius, best[:size].reshape(bits.shape), best[size:].reshape(at_jumps.shape)
 
-    def _evaluate(self, bits: Any, lengths: Array, W: int) -> tuple[float, Any]:
-        """rho per period of the word, and d|lambda| / d v for each slot (None where it makes no sense)."""
+    def _evaluate(self, bits: Any, at_jumps: Any, lengths: Array, W: int) -> tuple[float, Any]:
+        """rho per period of the word, and d|lambda| / d v for each slot, then for each slope at each jump, flat (None
+        where it makes no sense)."""
         import numpy as np
 
         v = np.where(bits, self.upper, self.lower)
         flows = self.maps.base + np.einsum("sk,kij->sij", v, self.parts)
         E = self.exponentials(flows * lengths[:, None, None])
         N = flows.shape[-1]
+        jumps, before_jump = self._jumps(at_jumps), []
         forward = [np.eye(N)]
         for slot, step in enumerate(E):
             total = step @ forward[-1]
-            forward.append(self.maps.jump @ total if (slot + 1) % self.slots == 0 else total)
+            if (slot + 1) % self.slots == 0:
+                before_jump.append(total)
+                total = jumps[slot // self.slots] @ total
+            forward.append(total)
         M = forward[-1]
         if not np.all(np.isfinite(M)):
             return float("nan"), None
@@ -175,17 +199,19 @@ class _Search:
         if abs(scale) < 1e-12:
             return radius, None
         weight = np.conj(lam) / size / scale
-        gradient = np.empty((len(E), self.k))
+        gradient, of_jumps = np.empty((len(E), self.k)), np.empty((W, self.m))
         costate = p
         for slot in range(len(E) - 1, -1, -1):
             if (slot + 1) % self.slots == 0:
-                costate = self.maps.jump.T @ costate
+                w = slot // self.slots
+                of_jumps[w] = np.real(weight * np.einsum("i,kij,j->k", costate, self.jump_parts, before_jump[w] @ x))
+                costate = jumps[w].T @ costate
             e = forward[slot] @ x
             before = E[slot].T @ costate
             middle_e, middle_p = (e + E[slot] @ e) / 2, (costate + before) / 2
             gradient[slot] = np.real(weight * np.einsum("i,kij,j->k", middle_p, self.parts, middle_e))
             costate = before
-        return radius, gradient
+        return radius, np.concatenate([gradient.ravel(), of_jumps.ravel()])
 
     def _merge(self, bits: Any, lengths: Array, W: int) -> tuple[tuple[tuple[float, tuple[bool, ...]], ...], ...]:
         periods = []
@@ -200,7 +226,7 @@ class _Search:
             periods.append(tuple(arcs))
         return tuple(periods)
 
-    def _radius(self, arcs: Any) -> float:
+    def _radius(self, arcs: Any, jumps: Array) -> float:
         import numpy as np
 
         flat = [arc for period in arcs for arc in period]
@@ -210,16 +236,16 @@ class _Search:
         flows = self.maps.base + np.einsum("sk,kij->sij", v, self.parts)
         E = iter(self.exponentials(flows * np.array([length for length, _ in flat])[:, None, None]))
         M = np.eye(flows.shape[-1])
-        for period in arcs:
+        for period, jump in zip(arcs, jumps, strict=True):
             for _ in period:
                 M = next(E) @ M
-            M = self.maps.jump @ M
+            M = jump @ M
         if not np.all(np.isfinite(M)):
             return float("nan")
         largest = float(np.abs(np.linalg.eigvals(M)).max())
         return math.pow(largest, 1 / len(arcs))
 
-    def _refine(self, radius: float, arcs: Any) -> tuple[float, Any]:
+    def _refine(self, radius: float, arcs: Any, jumps: Array) -> tuple[float, Any]:
         """Moves switching times while that helps, by halving steps."""
         step = max(length for period in arcs for length, _ in period) / 8
         switches = [(w, i) for w, period in enumerate(arcs) for i in range(len(period) - 1)]
@@ -237,7 +263,7 @@ class _Search:
                         *arcs[w][i + 2 :],
                     ]
                     trial = (*arcs[:w], tuple(period), *arcs[w + 1 :])
-                    value = self._radius(trial)
+                    value = self._radius(trial, jumps)
                     if value > radius:
                         radius, arcs, moved = value, trial, True
                         break

@@ -22,6 +22,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice, product
+from typing import Any
 
 from flint import fmpq
 
@@ -32,7 +33,7 @@ from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, fraction_text, lower_text
 from cdobs_cli.exact.rational import is_zero, simplify
-from cdobs_cli.plant import Plant
+from cdobs_cli.plant import Plant, Quantity
 from cdobs_cli.sampling import SamplingLaw
 
 _CORNERS = 32
@@ -45,7 +46,8 @@ _ONE = Exact(1)
 class Unseen:
     """An error direction that is never seen at the samples and does not decay.
 
-    values: constant slopes, in the order of `plant.slopes.quantities`. period: a constant period of the law at
+    values: constant slopes, in the order of `plant.slopes.quantities`. outputs: constant slopes of the outputs that
+    vary. period: a constant period of the law at
     which it is unseen; None where it is unseen at all times. factor: the error's growth from sample to sample, at
     least (None where it is unseen at all times).
     """
@@ -54,19 +56,23 @@ class Unseen:
     period: Exact | None
     direction: tuple[Fraction, ...]
     factor: str | None
+    outputs: tuple[Exact, ...] = ()
 
     def witness(self, plant: Plant) -> Witness:
         """The direction, with the slopes and the period it goes with, enough for a replay."""
         entries = tuple(rho.entry for rho in plant.slopes.quantities)
         T = self.period or plant.sampling.T_max
-        data = {
+        data: dict[str, Any] = {
             "arcs": [1],
             "direction": [fraction_text(value) for value in self.direction],
             "states": list(plant.states),
         }
+        if self.outputs:
+            columns = zip(plant.output_quantities, self.outputs, strict=True)
+            data["outputs"] = [{"entry": list(rho.entry), "values": [str(value)]} for rho, value in columns]
         return Witness(
             "vector",
-            "class" if entries else "plant",
+            "class" if entries or self.outputs else "plant",
             (str(T),),
             (tuple(map(str, self.values)),),
             self.factor,
@@ -76,10 +82,9 @@ class Unseen:
 
     def sentence(self, plant: Plant) -> str:
         """Why no gain helps, in the names of the states."""
-        slopes = ", ".join(
-            f"{rho.text(plant.states)} = {_short(value)}"
-            for value, rho in zip(self.values, plant.slopes.quantities, strict=True)
-        )
+        quantities = (*plant.slopes.quantities, *plant.output_quantities)
+        values = zip((*self.values, *self.outputs), quantities, strict=True)
+        slopes = ", ".join(f"{rho.text(plant.states)} = {_short(value)}" for value, rho in values)
         where = f" with {slopes}" if slopes else ""
         direction = _combination(self.direction, plant.states)
         if self.period is None:
@@ -95,34 +100,33 @@ class Unseen:
 def unseen(plant: Plant, law: SamplingLaw | None = None) -> Unseen | None:
     """An unseen error for some constant slopes of the class under the law (default: the plant's own), proved.
 
-    At the corners of the slope box (some of them), its middle, and the slopes nearest to 0. None says nothing.
+    At the corners of the slope box (some of them), its middle, and the slopes nearest to 0; those of outputs alike.
+    None says nothing.
     """
     law = law or plant.sampling
     if not law.is_bounded:
         return None
-    C = _factored(plant.C)
-    if C is None:
-        return None
     found = []
-    for values in _candidates(plant):
-        F = _factored(_flow(plant, values))
-        if F is None:
+    seen = [(w, _factored(plant.output_matrix(w))) for w in _candidates(plant.output_quantities)]
+    for values, (w, C) in product(_candidates(plant.slopes.quantities), seen):
+        F = None if C is None else _factored(_flow(plant, values))
+        if F is None or C is None:
             continue
         always = _always(F[1], C[1])
         if always is not None:
-            return Unseen(values, None, always, None)
-        found.append((values, F))
-    for values, F in found:
+            return Unseen(values, None, always, None, w)
+        found.append((values, w, F, C))
+    for values, w, F, C in found:
         at_samples = _at_samples(F, C[1], law)
         if at_samples is not None:
             T, direction, factor = at_samples
-            return Unseen(values, T, direction, factor)
+            return Unseen(values, T, direction, factor, w)
     return None
 
 
-def _candidates(plant: Plant) -> Iterator[tuple[Exact, ...]]:
+def _candidates(quantities: tuple[Quantity, ...]) -> Iterator[tuple[Exact, ...]]:
     """Middle, nearest to 0, corners; each once."""
-    ends = [(rho.lower, rho.upper) for rho in plant.slopes.quantities]
+    ends = [(rho.lower, rho.upper) for rho in quantities]
     half = Exact(Fraction(1, 2))
     middle = tuple((low + high) * half for low, high in ends)
     nearest = tuple(low if low.sign() == 1 else high if high.sign() == -1 else Exact(0) for low, high in ends)

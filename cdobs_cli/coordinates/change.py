@@ -181,6 +181,11 @@ def transformed(typed: TypedDynamics, coordinates: CoordinateMap | Literal["lie"
     n = len(typed.states)
     if n > MAX_TRANSFORMED:
         raise wrong_plant("coordinates", f"at most {MAX_TRANSFORMED} states can be transformed", str(n))
+    inputs = {source.name for source in typed.inputs}
+    for k, one in enumerate(typed.output):
+        if inputs & one.variables:
+            what, hint = "with `coordinates` an output holds no input", "leave `coordinates` out"
+            raise SpecError((Problem(("plant", "output", k), what, str(one), hint=hint),))
     change = lie_coordinates(typed) if coordinates == "lie" else coordinates
     back = dict(zip(typed.states, change.inverse, strict=True))
     rates = (lie_derivative(one, typed.states, typed.dynamics) for one in change.map)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from cdobs_cli.bounds.differ import compared
 from cdobs_cli.bounds.region import Region
@@ -72,24 +73,50 @@ def _is_plain(term: Expression) -> bool:
 
 
 def linear_output(outputs: Sequence[Expression], names: Sequence[str]) -> ExactMatrix:
+    """C, where every output is C z in the coordinates."""
     rows = []
     for k, one in enumerate(outputs):
         slopes = _slopes(one, names)
-        if slopes is None or simplify(one.substitute(dict.fromkeys(names, ZERO))) != ZERO:
-            what, hint = "an output is linear in the states", "use `coordinates` to make it one of them"
+        if slopes is None or not _is_zero_at_rest(one, names):
+            what, hint = "an output is linear in the coordinates", "make it one of them, or leave `coordinates` out"
             raise SpecError((Problem(("plant", "output", k), what, str(one), hint=hint),))
         rows.append([Exact(slope) for slope in slopes])
     return ExactMatrix(rows)
 
 
+def _is_zero_at_rest(one: Expression, names: Sequence[str]) -> bool:
+    return simplify(one.substitute(dict.fromkeys(names, ZERO))) == ZERO
+
+
+@dataclass(frozen=True)
+class Measured:
+    """y = h(x, u): C holds the slopes that are constant, H those to be found; both None where y = C x."""
+
+    C: ExactMatrix
+    h: tuple[Expression, ...] | None
+    H: Slopes | None
+
+
+def measured(outputs: Sequence[Expression], names: Sequence[str]) -> Measured:
+    """Outputs as typed, the slopes that are not constant left `auto`."""
+    slopes = [[simplify(one.derivative(name)) for name in names] for one in outputs]
+    constant = [[ZERO if slope.variables else slope for slope in row] for row in slopes]
+    C = ExactMatrix([[Exact(slope) for slope in row] for row in constant])
+    places = ((k, j) for k, row in enumerate(slopes) for j, slope in enumerate(row) if slope.variables)
+    auto = frozenset(places)
+    if auto:
+        return Measured(C, tuple(outputs), Slopes(C, C, auto))
+    return Measured(C, None if all(_is_zero_at_rest(one, names) for one in outputs) else tuple(outputs), None)
+
+
 def split(typed: TypedDynamics) -> Plant:
     """xdot = f(x, u) as A x + phi + B u in the typed states: linear terms with constant coefficients go to A.
 
-    Raises: SpecError: an output that is not linear; a printed plant that is not this one.
+    Raises: SpecError: a printed plant that is not this one.
     """
-    C = linear_output(tuple(simplify(one) for one in typed.output), typed.states)
-    if typed.C is not None and typed.C != C:
-        got, allowed = str(typed.C.texts()), str(C.texts())
+    seen = measured(typed.output, typed.states)
+    if typed.C is not None and (typed.C != seen.C or seen.H is not None):
+        got, allowed = str(typed.C.texts()), str(seen.C.texts()) if seen.H is None else "nothing: it is not linear"
         raise SpecError((Problem(("measurement", "C"), "is not that of `output`", got, allowed),))
     A, phi = (typed.A, typed.dynamics) if typed.A else linear_part(typed.dynamics, typed.states, cancel=False)
     if typed.A is not None or typed.B is not None:
@@ -102,6 +129,6 @@ def split(typed: TypedDynamics) -> Plant:
             raise SpecError((Problem(("plant", "phi", i), what, str(printed), str(phi[i])),))
     slopes = typed.slopes or automatic_slopes(phi, typed.states)
     return Plant(
-        typed.states, typed.inputs, A, as_printed(phi, typed.phi), typed.B, C, slopes, typed.sampling, typed.domain,
-        typed.disturbance, typed.noise,
+        typed.states, typed.inputs, A, as_printed(phi, typed.phi), typed.B, seen.C, slopes, typed.sampling,
+        typed.domain, typed.disturbance, typed.noise, seen.h, seen.H,
     )  # fmt: skip

@@ -75,7 +75,7 @@ def _typed(report: Report) -> tuple[Block, ...]:
 
 
 def _slopes(report: Report) -> tuple[Block, ...]:
-    plant, rows = report.plant, []
+    plant, rows = report.plant, list[tuple[Cell, ...]]()
     for i, j in plant.slopes.entries:
         key = f"{i + 1}.{j + 1}"
         claim = report.check.claim(f"slopes.{key}") if report.check else None
@@ -88,11 +88,25 @@ def _slopes(report: Report) -> tuple[Block, ...]:
         status: Cell = Mark(claim.status) if claim else "not checked"
         margin = margin_text(claim.margin) if claim else NOTHING
         rows.append((f"∂φ{i + 1}/∂{plant.states[j]}", declared, status, margin))
+    rows += _output_slopes(report)
     if not rows:
         return (Paragraph("The plant is linear: no slope is claimed."),)
     where = "on the domain" if report.domain else "everywhere"
     caption = f"Bounds of the nonlinearity's slopes, claimed {where}."
     return (Grid(("slope", "claimed range", "status", "margin"), tuple(rows), "Slopes", caption),)
+
+
+def _output_slopes(report: Report) -> list[tuple[Cell, ...]]:
+    """The slopes of the outputs that vary."""
+    rows: list[tuple[Cell, ...]] = []
+    for rho in report.plant.output_quantities:
+        k, j = rho.entry
+        claim = report.check.claim(f"slopes.output.{k + 1}.{j + 1}") if report.check else None
+        low, up = end_text(str(rho.lower), 8, up=False), end_text(str(rho.upper), 8, up=True)
+        status: Cell = Mark(claim.status) if claim else "not checked"
+        margin = margin_text(claim.margin) if claim else NOTHING
+        rows.append((f"∂y{k + 1}/∂{report.plant.states[j]}", f"auto: [{low}, {up}]", status, margin))
+    return rows
 
 
 def _measurement(report: Report) -> Section:

@@ -81,7 +81,7 @@ def typed_states_chart(coordinates: Coordinates, trajectory: Trajectory) -> Char
 def _measured_states(plant: Plant) -> dict[int, tuple[int, float]]:
     """State -> (output, factor) for outputs that are a multiple of one state."""
     measured: dict[int, tuple[int, float]] = {}
-    for k in range(plant.p):
+    for k in range(plant.p if plant.h is None else 0):
         used = [(j, value) for j in range(plant.n) if (value := float(plant.C[k, j])) != 0]
         if len(used) == 1:
             measured.setdefault(used[0][0], (k, used[0][1]))

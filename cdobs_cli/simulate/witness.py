@@ -70,7 +70,7 @@ def replay(inclusion: HybridInclusion, witness: Witness) -> Replay:
     """
     from scipy.linalg import expm
 
-    from cdobs_cli.certify.falsify import Word
+    from cdobs_cli.certify.falsify import Word, is_about
 
     unseen = witness.kind == "vector" and "direction" in witness.data
     if not unseen and (witness.kind not in ("constant", "switching") or witness.about != "class"):
@@ -80,21 +80,22 @@ def replay(inclusion: HybridInclusion, witness: Witness) -> Replay:
         word = Word.from_witness(witness)
     except (ValueError, KeyError, TypeError, ExpressionError) as error:
         raise UsageError(f"a witness that cannot be read: {error}") from error
-    if witness.entries != inclusion.entries or any(len(row) != len(inclusion.entries) for row in witness.values):
+    if not is_about(witness, inclusion) or any(len(row) != len(inclusion.entries) for row in witness.values):
         raise UsageError("a witness of other slopes than this design's; run `cdobs check` again")
     maps = inclusion.floats
     size = maps.base.shape[0]
-    # One word, as arcs (times from the arc's start, exponentials at them, slopes) and whether a jump follows.
-    arcs: list[tuple[Array, Array, Array, bool]] = []
+    # One word, as arcs (times from the arc's start, exponentials at them, slopes) and the jump that follows.
+    arcs: list[tuple[Array, Array, Array, Array | None]] = []
     M = np.eye(size)
-    for period in word.periods:
+    for period, w in word.samples:
+        J = maps.jump_at(tuple(map(float, w)))
         for position, arc in enumerate(period):
             v = np.array([float(value) for value in arc.values])
             times = np.linspace(0.0, float(arc.length), _POINTS)
             flow = np.array([expm(maps.flow(tuple(v)) * s) for s in times])
             jumps = position == len(period) - 1
-            arcs.append((times, flow, v, jumps))
-            M = (maps.jump @ flow[-1] if jumps else flow[-1]) @ M
+            arcs.append((times, flow, v, J if jumps else None))
+            M = (J @ flow[-1] if jumps else flow[-1]) @ M
     values, left, right = _eigen(M)
     growth = abs(values)
     if unseen:
@@ -108,13 +109,13 @@ def replay(inclusion: HybridInclusion, witness: Witness) -> Replay:
     t, states, slopes, samples = [], [], [], [0.0]
     for _ in range(words):
         before = size_of(e)
-        for times, flow, v, jumps in arcs:
+        for times, flow, v, jump in arcs:
             t.append(start + times)
             states.append(flow @ e)
             slopes.append(np.tile(v, (_POINTS, 1)))
             e, start = flow[-1] @ e, start + float(times[-1])
-            if jumps:
-                e = maps.jump @ e
+            if jump is not None:
+                e = jump @ e
                 samples.append(start)
         multiplier = float(size_of(e) / before)
     t.append(np.array([start]))

@@ -69,7 +69,7 @@ class PlantBlock(Block):
     domain: DomainBlock | None = None
     disturbance: BoxBlock | None = None
     dynamics: _formulas("states", "inputs") | None = None  # type: ignore[valid-type]
-    output: _formulas("states") | None = None  # type: ignore[valid-type]
+    output: _formulas("states", "inputs") | None = None  # type: ignore[valid-type]
     coordinates: CoordinatesField | None = None
 
 

@@ -42,7 +42,8 @@ class NoGain(Method):
     @classmethod
     def applies(cls, question: Question) -> bool:
         """One output, few slopes that vary."""
-        return question.plant.p == 1 and len(question.plant.slopes.quantities) <= _MOST_ENTRIES
+        few = len(question.plant.slopes.quantities) <= _MOST_ENTRIES
+        return super().applies(question) and question.plant.p == 1 and few
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:

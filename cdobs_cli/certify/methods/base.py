@@ -121,7 +121,8 @@ class Method(ABC):
 
     name: how it is stored. rung: its line in the ladder of methods. source: whose theorem. how: how it is proved.
     statement: what it says, without the law. exact: whether the best gain that it finds is the best there is.
-    endless: whether it holds however long the periods are.
+    endless: whether it holds however long the periods are. nonlinear_outputs: whether it takes outputs whose slopes
+    vary.
     """
 
     law: SamplingLaw
@@ -134,11 +135,12 @@ class Method(ABC):
     reach: ClassVar[Reach] = "convergence"
     exact: ClassVar[bool] = False
     endless: ClassVar[bool] = False
+    nonlinear_outputs: ClassVar[bool] = False
 
     @classmethod
     def applies(cls, question: Question) -> bool:
         """Whether the method takes this error system and law at all (quick)."""
-        return True
+        return cls.nonlinear_outputs or not question.inclusion.outputs
 
     @classmethod
     @abstractmethod
@@ -151,6 +153,8 @@ class Method(ABC):
 
     def prove(self, question: Question) -> Proof:
         """What holds of the question's plant and gain under the method's own law. Loads no solver."""
+        if question.inclusion.outputs and not self.nonlinear_outputs:
+            return NOTHING
         try:
             return self._prove(question.under(self.law))
         except UNREADABLE:

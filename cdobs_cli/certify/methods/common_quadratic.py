@@ -114,7 +114,8 @@ class CommonQuadratic(Method):
 
 def is_linear_loop(question: Question) -> bool:
     """No uncertain slope, an interval of periods."""
-    return not question.inclusion.quantities and question.law.is_bounded and not question.law.is_periodic
+    varies = question.inclusion.quantities or question.inclusion.outputs
+    return not varies and question.law.is_bounded and not question.law.is_periodic
 
 
 def sampled_loop(question: Question) -> SampledError | None:

@@ -78,12 +78,12 @@ class EveryPeriod(Method):
 def resets(inclusion: HybridInclusion) -> bool:
     """Whether one sample erases every error: J = 0 exactly."""
     J = inclusion.balls.jump
-    return J.is_rational and _is_zero(J)
+    return not inclusion.outputs and J.is_rational and _is_zero(J)
 
 
 def _is_nilpotent_at(inclusion: HybridInclusion, law: SamplingLaw) -> bool:
     T = law.T_max.rational
-    if inclusion.quantities or not law.is_periodic or T is None:
+    if inclusion.quantities or inclusion.outputs or not law.is_periodic or T is None:
         return False
     maps = inclusion.balls
     if not (maps.base.is_rational and maps.jump.is_rational):

@@ -37,6 +37,7 @@ class OpenLoop(Method):
     statement: ClassVar[str] = "The error decays by itself, without any sample"
     reach: ClassVar[Reach] = "some gain"
     endless: ClassVar[bool] = True
+    nonlinear_outputs: ClassVar[bool] = True
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:

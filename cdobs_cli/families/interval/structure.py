@@ -31,6 +31,9 @@ def problems(family: Interval, plant: Plant, simulation: SimulationPlan | None) 
             why = "this observer is for linear plants: phi may use the inputs only"
             hint = "write linear terms into A, and bound a nonlinear one by plant.disturbance"
             found.append(Problem(("plant", "phi", i), why, str(phi), '"0"', hint))
+    for k, one in enumerate(plant.h or ()):
+        why, hint = "this observer takes outputs that are linear in the states", "family reachability takes any output"
+        found.append(Problem(("plant", "output", k), why, str(one), "a sum of multiples of states", hint))
     if family.gain is not None:
         found += _shape(("observer", "gain", "S"), family.gain.S, (n, n), "one row and one column per state")
         found += _shape(("observer", "gain", "L"), family.gain.L, (n, p), "one row per state, one column per output")

@@ -71,9 +71,9 @@ class LpvZeroOrderHold(ConstantGain):
         return problems(self, plant)
 
     def error_maps(self, view: PlantView[Any]) -> ErrorMaps[Any]:
-        from cdobs_cli.families.lpv_zoh.theorems import error_maps
+        from cdobs_cli.families.lpv_zoh.theorems import error_maps, held_maps
 
-        return error_maps(view)
+        return held_maps(view) if view.outputs else error_maps(view)
 
     def observer(self, plant: Plant, design: Design) -> Observer:
         from cdobs_cli.families.lpv_zoh.observer import observer
@@ -97,9 +97,11 @@ class LpvZeroOrderHold(ConstantGain):
         return rungs(self, question)
 
     def gain_searches(self, question: Question) -> Sequence[GainSearch]:
-        from cdobs_cli.families.lpv_zoh.gains import ClockGain, HeldGain, PeriodClimb
+        from cdobs_cli.families.lpv_zoh.gains import ClockGain, HeldGain, MiddleGain, PeriodClimb
         from cdobs_cli.families.lpv_zoh.search_plan import REPAIRED, THEOREM_1, clock_is_tried
 
+        if question.inclusion.outputs:
+            return (MiddleGain(),)
         if self.method in ("repaired", "theorem_1"):
             return (PeriodClimb(REPAIRED if self.method == "repaired" else THEOREM_1, stiff=True),)
         if self.method == "wirtinger" or (self.method == "best" and not clock_is_tried(question)):

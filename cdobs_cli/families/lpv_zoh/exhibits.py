@@ -55,7 +55,7 @@ def _numbers(family: LpvZeroOrderHold, plant: Plant, design: Design) -> list[Tab
 
 
 def _held_outputs(plant: Plant, run: Run | None) -> list[Chart]:
-    """The measurement y(t_k) and the observer's own output C x_hat(t_k), both held, and their difference."""
+    """The measurement y(t_k) and the observer's own output C x_hat(t_k), or h, both held, and their difference."""
     if run is None or not run.trajectories or not len(run.trajectories[0].t_k):
         return []
     import numpy as np

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,6 +27,14 @@ if TYPE_CHECKING:
 
 # Under max_period the rate is at least this over the period: a design on the edge converges never.
 RATE_SHARE = 0.002
+
+
+# Periods over the one asked for, and parts of their gains, where slopes of the outputs that vary leave less.
+_SLOWER = {1: (1.0, 0.5, 0.35, 0.25, 0.1), 4: (1.0, 0.3), 20: (1.0, 0.3), 100: (1.0,), 1000: (1.0,)}
+_FROM_ZERO = (
+    "no certificate is known for an innovation that is held over periods from 0 on where the outputs are not linear: "
+    "give min_period, or use family reachability"
+)
 
 
 def short(value: float) -> Exact:
@@ -88,7 +96,8 @@ class HeldGain(GainSearch):
 
 @dataclass(frozen=True)
 class PeriodClimb(GainSearch):
-    """L by climbing in the period with one rung's proof; it starts from the convex synthesis."""
+    """L by climbing in the period with one rung's proof; it starts from the convex synthesis, at the period that this
+    reaches."""
 
     rung: Rung
     stiff: bool
@@ -106,9 +115,8 @@ class PeriodClimb(GainSearch):
         return Candidate(L, law, float(law.T_max))
 
     def _climb(self, question: Question, share: float, goal: float) -> tuple[ExactMatrix, float]:
-        start = HeldGain().longest(question)
-        assert start is not None
-        T = float(start.law.T_max)
+        starts, T = self._starts(question)
+        shortest = 0.0 if question.law.is_periodic else float(question.law.T_min)
 
         def passes(L: ExactMatrix, T: float) -> bool:
             period = short(T)
@@ -119,14 +127,22 @@ class PeriodClimb(GainSearch):
                 is not None
             )
 
-        starts = [start.gain, *(_stiffer_gains(question.plant, T) if self.stiff else [])]
         for _ in range(search.STEPS):
+            if shortest >= T:
+                break
             first = next((L for L in starts if passes(L, T)), None)
             if first is not None:
                 budget = _budget(question) if self.rung is CLOCK else 48 * (1 + question.effort)
                 return Climb(passes, _unit(question.plant, T), budget, goal).run(first.floats, T)
             T /= search.FACTOR
-        raise NoDesignError(f"no gain was proved by {self.rung.name}, down to the period {short(T)}")
+        raise NoDesignError(f"no gain was proved by {self.rung.name}, down to the period {short(max(T, shortest))}")
+
+    def _starts(self, question: Question) -> tuple[list[ExactMatrix], float]:
+        """Gains to start from, and the period that they are for."""
+        start = HeldGain().longest(question)
+        assert start is not None
+        T = float(start.law.T_max)
+        return [start.gain, *(_stiffer_gains(question.plant, T) if self.stiff else [])], T
 
 
 def _stiffer_gains(plant: Plant, T: float) -> list[ExactMatrix]:
@@ -182,6 +198,43 @@ class ClockGain(HeldGain):
             assert candidate is not None
             return candidate, 0.0
         return max(met, key=lambda pair: pair[1])
+
+
+@dataclass(frozen=True)
+class MiddleClimb(PeriodClimb):
+    """The same where outputs have slopes that vary: from the convex synthesis for their middle, at the period asked for
+    and at longer ones (slower gains leave more room), and from parts of its gains."""
+
+    def _starts(self, question: Question) -> tuple[list[ExactMatrix], float]:
+        plant, T = replace(question.plant, h=None, H=None), float(question.law.T_max)
+        middle = replace(question, inclusion=replace(question.inclusion, plant=plant))
+        gains = []
+        for longer, parts in _SLOWER.items():
+            try:
+                met = HeldGain().at(middle.at(short(longer * T)))
+            except NoDesignError:
+                break
+            assert met is not None
+            gains += [ExactMatrix.from_floats(part * met.gain.floats, GAIN_DIGITS) for part in parts]
+        return gains, T
+
+
+class MiddleGain(ClockGain):
+    """Where outputs have slopes that vary: climbs with the clock certificate, which takes them all."""
+
+    def at(self, question: Question) -> Candidate | None:
+        return self._climb(question).at(question)
+
+    def longest(self, question: Question) -> Candidate | None:
+        return self._climb(question).longest(question)
+
+    nearest = GainSearch.nearest
+
+    @staticmethod
+    def _climb(question: Question) -> MiddleClimb:
+        if question.law.from_zero:
+            raise NoDesignError(_FROM_ZERO)
+        return MiddleClimb(CLOCK, stiff=False)
 
 
 def _unit(plant: Plant, T: float) -> Array:

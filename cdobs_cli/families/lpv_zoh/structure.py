@@ -39,6 +39,9 @@ def problems(family: LpvZeroOrderHold, plant: Plant) -> list[Problem]:
             Problem(("measurement", "sampling", "updated"), "this observer does not choose its sampling instants",
                     allowed="{period: ..} or {min_period: .., max_period: ..}", hint="family updated_sampling does")
         )  # fmt: skip
+    if family.method not in ("best", "clock") and plant.output_quantities:
+        what = f"method {family.method} is for outputs that are linear in the states"
+        found.append(Problem(("observer", "method"), what, family.method, "best or clock"))
     if family.gain is not None:
         shape(("gain", "L"), family.gain.L, n, p)
     if family.method in ("repaired", "theorem_1") and not is_class_16(plant):

@@ -51,6 +51,28 @@ def error_maps(view: PlantView[Mat]) -> ErrorMaps[Mat]:
     )
 
 
+def held_maps(view: PlantView[Mat]) -> ErrorMaps[Mat]:
+    """The error with the held innovation itself, where the outputs' slopes H vary: they are those of the last sample.
+
+        d/dt (e, r) = [[A_i, L], [0, 0]] (e, r),    (e, r)+ = (e, -H e),    e = xhat - x
+
+    Shapes: A (n, n), H (p, n), L (n, p); the flow is (n + p, n + p).
+    Source: Boukal2020, (24), written over (e, r).
+    """
+    C, L = view.C, view.gain["L"]
+    none, zero = C.T * 0, (C @ C.T) * 0
+
+    def on_states(part: Mat) -> Mat:
+        return block([[part, none], [none.T, zero]])
+
+    return ErrorMaps(
+        block([[view.A, L], [none.T, zero]]), tuple(map(on_states, view.parts)), view.lower, view.upper,
+        block([[view.identity, none], [-C, zero]]),
+        tuple(block([[view.identity * 0, none], [-H, zero]]) for H in view.outputs), view.output_lower,
+        view.output_upper,
+    )  # fmt: skip
+
+
 def lemma_5_rate(alpha: Any, beta: Any, exp_alpha_tau: Any) -> Any:
     """The decay rate of V where Vdot <= -alpha V + beta V(t_k), beta < alpha, T_k <= tau.
 

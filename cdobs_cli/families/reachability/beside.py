@@ -22,15 +22,19 @@ def claims_beside(family: Reachability, judgement: Judgement) -> tuple[list[Clai
     """Claims and bounds beyond the certificates'."""
     plant, law, claims = judgement.plant, judgement.law, list[Claim]()
     has_set = any(isinstance(item.method, ReachableSet) for item in judgement.here)
-    if law.is_periodic and not has_set and family.method != "clock":
+    if law.is_periodic and not has_set and _asks_a_set(family, plant):
         claims += _typed_inclusion(family, plant, law.T_max)
         statement = f"(13) holds over the set at {law.T_max}: no certificate was found."
         claims.append(Claim("set.contraction", "certificate", "undecided", statement, f"{SOURCE}, (13)"))
     return [*claims, *reference_claims(plant, judgement.design)], _delta_star(family, plant)
 
 
+def _asks_a_set(family: Reachability, plant: Plant) -> bool:
+    return family.method != "clock" and not plant.output_quantities
+
+
 def _delta_star(family: Reachability, plant: Plant) -> dict[str, Bound]:
-    if not is_chain(plant) or not plant.slopes.uncertain or family.method == "clock":
+    if not is_chain(plant) or not plant.slopes.uncertain or not _asks_a_set(family, plant):
         return {}
     limit = set_limit(plant)
     low = lower_text(limit, 17) if limit.is_finite() else "inf" if limit > 0 else None

@@ -71,7 +71,7 @@ class ReachableSet(Method):
 
     @classmethod
     def applies(cls, question: Question) -> bool:
-        return question.law.is_periodic
+        return super().applies(question) and question.law.is_periodic
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:

@@ -25,6 +25,8 @@ def reference(plant: Plant) -> tuple[Certificate, ...]:
 
     Source: Dinh2014, Theorem II.1, (6)
     """
+    if plant.output_quantities:
+        return ()
     if plant.is_canonical:
         return high_gain(plant)
     from cdobs_cli.certify.lmi import Program, full, symmetric
@@ -78,7 +80,9 @@ def proves_reference(plant: Plant, certificate: Certificate) -> bool:
     except UNREADABLE:
         return False
     n, p = plant.n, plant.p
-    if P.shape != (n, n) or L.shape != (n, p) or any(P[i, j] != P[j, i] for i in range(n) for j in range(i)):
+    if plant.output_quantities or P.shape != (n, n) or L.shape != (n, p):
+        return False
+    if any(P[i, j] != P[j, i] for i in range(n) for j in range(i)):
         return False
     C = plant.C.balls()
     return has_positive_pivots(P.balls()) and all(

@@ -33,7 +33,7 @@ def exhibits(family: Reachability, plant: Plant, design: Design, check: Check | 
     contraction = check.claim("set.contraction") if check is not None else None
     if certificate is not None and run is not None and contraction is not None and contraction.status == "proved":
         charts += _lyapunov(plant, design, certificate, run)
-    if family.method != "clock" and family.set == "clarke":
+    if family.method != "clock" and family.set == "clarke" and not plant.output_quantities:
         charts += _periods(family, plant, design, check)
     return Exhibits(tuple(charts), (), _notes(family, plant, design))
 

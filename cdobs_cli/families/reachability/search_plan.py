@@ -22,6 +22,7 @@ from cdobs_cli.families.reachability.continuous import reference
 from cdobs_cli.families.reachability.set_design import SetGain, longest_any
 from cdobs_cli.families.reachability.sets import box_holds
 from cdobs_cli.families.reachability.structure import is_chain
+from cdobs_cli.plant import Plant
 
 if TYPE_CHECKING:
     from cdobs_cli.families.reachability import Reachability
@@ -29,19 +30,27 @@ if TYPE_CHECKING:
 # Up to this many states the largest period of the set, over all gains, is looked for whatever the objective.
 SMALL = 3
 
+_FROM_ZERO = (
+    "periods from 0 on: where the direction that an output measures changes with its slopes, no quadratic function "
+    "falls at samples that follow at once; give min_period"
+)
+
 
 def by_set(family: Reachability, question: Question) -> bool:
-    return family.method in ("best", "set") and question.law.is_periodic
+    return family.method in ("best", "set") and question.law.is_periodic and not question.inclusion.outputs
 
 
 def by_planar(family: Reachability, question: Question) -> bool:
-    return family.method == "best" and planar.open_class(question) is not None
+    linear = not question.inclusion.outputs
+    return linear and family.method == "best" and planar.open_class(question) is not None
 
 
 def by_clock(family: Reachability, question: Question) -> bool:
     """Where the exact limit is known no other certificate reaches further, and none is looked for."""
     if family.method == "set":
         return False
+    if question.inclusion.outputs:
+        return True
     given = family.gain.K if family.gain else None
     exact = family.method == "best" and family.objective != "decay_rate" and not question.rate
     return not (exact and planar.covers(question, given))
@@ -99,7 +108,20 @@ def why_nothing(family: Reachability, question: Question) -> str:
         "clock": "the clock-dependent certificate gave no gain",
     }
     more = "more effort, a shorter period or smaller slopes may"
+    if question.law.from_zero and _turns(question.plant):
+        return _FROM_ZERO
+    if question.inclusion.outputs:
+        more = "more effort, a shorter period, or a smaller domain with smaller slopes of the outputs may"
+        return f"{asked['clock']} with a proof at T = {T}; {more} help"
     return f"{asked[family.method]} with a proof at T = {T}; {more} help"
+
+
+def _turns(plant: Plant) -> bool:
+    """Whether the direction that an output measures changes with its slopes."""
+    varying = {rho.entry[0] for rho in plant.output_quantities}
+    moved = {rho.entry for rho in plant.output_quantities}
+    felt = [(k, j) for k in varying for j in range(plant.n) if (k, j) in moved or plant.C[k, j].sign() != 0]
+    return len(felt) > len(varying)
 
 
 def beyond(family: Reachability, question: Question, own: Sequence[Method]) -> list[Certificate]:

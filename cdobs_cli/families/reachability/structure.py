@@ -67,6 +67,9 @@ def problems(family: Reachability, plant: Plant) -> list[Problem]:
         if not family.set.matrices:
             found.append(Problem((*observer, "set", "matrices"), "the set holds at least one matrix", got="[]"))
     if family.method == "set":
+        if plant.output_quantities:
+            what, got = "the set of matrices is built for outputs that are linear in the states", "method set"
+            found.append(Problem((*observer, "method"), what, got, hint="method best or clock takes any output"))
         if not (plant.sampling.is_periodic or plant.sampling.is_updated):
             found.append(
                 Problem(

@@ -30,7 +30,11 @@ def problems(family: UpdatedSampling, plant: Plant) -> list[Problem]:
         what = "a chain of integrators is expected, ones above the diagonal and zeros elsewhere"
         hint = "put the other terms into phi, or use plant.coordinates"
         wrong(what, "plant", "A", got=str(plant.A.texts()), hint=hint)
-    if plant.p != 1 or any(plant.C[0, j] != Exact(int(j == 0)) for j in range(n)):
+    if plant.output_quantities:
+        what, hint = "this observer takes outputs that are linear in the states", "family reachability takes any output"
+        k = plant.output_quantities[0].entry[0]
+        wrong(what, "plant", "output", k, got=str((plant.h or ())[k]), allowed="the first state", hint=hint)
+    elif plant.p != 1 or any(plant.C[0, j] != Exact(int(j == 0)) for j in range(n)):
         wrong("the first state is measured", "measurement", "C", got=str(plant.C.texts()), allowed="[[1, 0, ..]]")
     for i, j in plant.slopes.entries:
         if family.variant == "last_row" and i != n - 1:

@@ -3,11 +3,13 @@
 For edot in Co{A_v} e, e+ = J e at clock values in [T_min, T_max]: if for P piecewise polynomial and continuous
 
     Pdot + P A_v + A_v' P + 2 sigma P < 0    on [0, T_max], all corners v,                          (flow)
-    P(tau) - J' P(0) J > 0                   on [T_min, T_max],                                      (jump)
+    P(tau) - J' P(0) J > 0                   on [T_min, T_max], all corners of J,                    (jump)
     P(0) > 0 on the range of J,
 
 then every error decays at rate sigma: V = e' P(tau) e falls along every flow of the inclusion and does not
-rise at jumps. In Bernstein form each inequality is a finite list of matrices.
+rise at jumps. In Bernstein form each inequality is a finite list of matrices. Where outputs have slopes that vary,
+J = I - K H lies in the hull of its corners at every sample; |J e|^2 in the norm of P(0) > 0 is convex in J, and corners
+of flow and jump never multiply.
 
 From T_min = 0 the jump inequality is singular at tau = 0 wherever J keeps errors: P(0) - J'P(0)J vanishes on
 ker(I - J), and being >= 0 it vanishes there as a form, so P(0) must not couple what J keeps with what it changes.
@@ -53,7 +55,7 @@ from cdobs_cli.certify.sampled_error import kept_and_lost
 from cdobs_cli.certify.texts import rate_of, rationals, symmetric_from_upper, upper_texts
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text
-from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
+from cdobs_cli.hybrid import HybridInclusion
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
@@ -64,6 +66,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 MAX_CORNER_ENTRIES = 10  # 2^10 corners at most are enumerated
+MAX_OUTPUT_ENTRIES = 6  # and 2^6 of the jump
 GAIN_DIGITS = 6
 _P_DIGITS = 12
 _ELEVATIONS = (0, 6, 18, 40)
@@ -89,6 +92,7 @@ class Clock(Method):
     source: ClassVar[str] = "clock-dependent Lyapunov function"
     how: ClassVar[str] = "exact Bernstein coefficients"
     statement: ClassVar[str] = "A clock-dependent e'P(tau)e decreases along flows and does not grow at jumps"
+    nonlinear_outputs: ClassVar[bool] = True
 
     @classmethod
     def applies(cls, question: Question) -> bool:
@@ -146,22 +150,20 @@ class Clock(Method):
 
     def _prove(self, question: Question) -> Proof:
         law, shape, sigma, P = self.law, self.shape, rate_of(self.sigma), self.coefficients
-        if len(question.inclusion.quantities) > MAX_CORNER_ENTRIES or not _well_posed(shape, law):
+        if not _is_small(question.inclusion) or not _well_posed(shape, law):
             return NOTHING
         maps = in_basis(question.inclusion.balls, self.S, self.S.inverse())
         size = maps.base.shape
         if len(P) != shape.count or any(matrix.shape != size for matrix in P):
             return NOTHING
-        kept = kept_states(maps.jump)
-        if not _positive_on_range(P[0], maps.jump, kept):
+        jumps = list(maps.jumps())
+        if not _positive_on_range(P[0], jumps):
             return NOTHING
         for number in range(shape.jump_from, shape.count):
             at_zero = number == 0 and law.from_zero
-            falls = (
-                _gap_from_zero(P[0], maps.jump, kept) if at_zero else _positive(jump_gap(P[0], P[number], maps.jump))
-            )
-            if not falls:
-                return NOTHING
+            for J in jumps:
+                if not (_gap_from_zero(P[0], J) if at_zero else _positive(jump_gap(P[0], P[number], J))):
+                    return NOTHING
         coefficients = list(flow_coefficients(P, shape, shape.lengths(law.T_min.scalar, law.T_max.scalar)))
         for A in maps.corners():
             if not all(_positive(-(slope + lyapunov(value, A, sigma))) for slope, value in coefficients):
@@ -174,7 +176,6 @@ class Clock(Method):
         if not self.prove(question).holds:
             return None
         n, back = question.plant.n, self.S.inverse()
-        J = question.inclusion.balls.jump[:, :n]
         reach: list[arb] | None = None
         for piece in self._pieces(self.coefficients):
             elevated = _elevated_until_definite(piece)
@@ -184,7 +185,11 @@ class Clock(Method):
             covariances = [self.S @ P.inverse() @ self.S.T for P in elevated]
             ends = [_most([arb(covariance[j, j]) for covariance in covariances]) for j in range(n)]
             reach = ends if reach is None else [a.max(b) for a, b in zip(reach, ends, strict=True)]
-        return None if reach is None else Level(J.T @ back.T @ self.coefficients[0] @ back @ J, tuple(reach))
+        if reach is None:
+            return None
+        V = back.T @ self.coefficients[0] @ back
+        jumps = (J[:, :n] for J in question.inclusion.balls.jumps())
+        return Level(tuple(J.T @ V @ J for J in jumps), tuple(reach))
 
     def factor(self, question: Question) -> float | None:
         """factor^2 = lambda_max(J'P(0)J) on the states over the least eigenvalue of P(tau) on [0, T_max]."""
@@ -197,8 +202,9 @@ class Clock(Method):
             if not margins or not all(margins):
                 return None
             least = min(margin for margin in (*margins, least) if margin is not None)
-        J = question.inclusion.balls.jump[:, :n]
-        quotient = arb(eigenvalue_range(J.T @ P[0] @ J, smallest=False).high) / Exact(least or 0).ball()
+        jumps = (J[:, :n] for J in question.inclusion.balls.jumps())
+        largest = max(eigenvalue_range(J.T @ P[0] @ J, smallest=False).high for J in jumps)
+        quotient = arb(largest) / Exact(least or 0).ball()
         return float(quotient.sqrt().upper()) if quotient.is_finite() else None
 
     def _pieces(self, P: list[Matrix]) -> Iterator[list[Matrix]]:
@@ -243,14 +249,21 @@ def _well_posed(shape: Shape, law: SamplingLaw) -> bool:
     return shape.before == 0 if law.from_zero else law.T_min.sign() == 1 and shape.before > 0
 
 
-def _positive_on_range(P_0: Matrix, J: Matrix, kept: list[int]) -> bool:
-    """P(0) > 0, or only on what J keeps where it erases all the rest."""
-    return _positive(P_0[kept, kept] if kept and erases_the_rest(J, kept) else P_0)
+def _is_small(inclusion: HybridInclusion) -> bool:
+    """Whether there are few enough corners, of flow and jump, to enumerate."""
+    return len(inclusion.quantities) <= MAX_CORNER_ENTRIES and len(inclusion.outputs) <= MAX_OUTPUT_ENTRIES
 
 
-def _gap_from_zero(P_0: Matrix, J: Matrix, kept: list[int]) -> bool:
+def _positive_on_range(P_0: Matrix, jumps: list[Matrix]) -> bool:
+    """P(0) > 0, or only on what the one J keeps where it erases all the rest."""
+    kept = kept_states(jumps[0]) if len(jumps) == 1 else []
+    return _positive(P_0[kept, kept] if kept and erases_the_rest(jumps[0], kept) else P_0)
+
+
+def _gap_from_zero(P_0: Matrix, J: Matrix) -> bool:
     """At tau = 0: J = diag(I, j) and P(0) = diag(P_11, Q) exactly, so P(0) - J'P(0)J = diag(0, Q - j'Q j); Q - j'Q j
     > 0."""
+    kept = kept_states(J)
     lost = [i for i in range(J.shape[0]) if i not in kept]
     if any(P_0[i, j] != 0 for i in kept for j in lost):
         return False
@@ -270,7 +283,7 @@ def shapes(question: Question) -> Iterator[Shape]:
     if law.is_updated:
         return
     T_min, T_max = float(law.T_min), float(law.T_max)
-    if not 0 < T_max < 1e12 or len(question.inclusion.quantities) > MAX_CORNER_ENTRIES:
+    if not 0 < T_max < 1e12 or not _is_small(question.inclusion):
         return
     N = question.inclusion.floats.base.shape[0]
     for (d, D, pieces), largest in zip(_SCHEDULE, _LARGEST[question.level], strict=True):
@@ -293,7 +306,7 @@ def design_impulsive(question: Question, letter: str = "K") -> tuple[ExactMatrix
     be proved from 0. Uses the solver; the memory as in `Clock.propose`.
     """
     law = question.law
-    if len(question.inclusion.quantities) > MAX_CORNER_ENTRIES or law.T_max.sign() != 1 or law.is_updated:
+    if not _is_small(question.inclusion) or law.T_max.sign() != 1 or law.is_updated:
         return None
     away = question
     if law.from_zero:
@@ -315,7 +328,7 @@ def design_impulsive(question: Question, letter: str = "K") -> tuple[ExactMatrix
 
 def _guess_gain(question: Question, shape: Shape) -> Array | None:
     """The gain K = P(0)^-1 W that the solver proposes for this shape."""
-    met = _solve(question, shape, question.plant.C.floats)
+    met = _solve(question, shape, question.inclusion.view_floats.output_corners())
     if met is None:
         return None
     solution, S = met
@@ -334,8 +347,9 @@ def _cleared(K: Array, question: Question) -> Array:
     return nearest
 
 
-def _solve(question: Question, shape: Shape, C: Array | None) -> tuple[Solution, list[list[Fraction]]] | None:
-    """The solver's answer in the coordinates z, e = S z, and S; the jump I - K C is free where C is given."""
+def _solve(question: Question, shape: Shape, C: list[Array] | None) -> tuple[Solution, list[list[Fraction]]] | None:
+    """The solver's answer in the coordinates z, e = S z, and S; the jump I - K C is free where C is given, at each of
+    its corners."""
     from cdobs_cli.certify.methods.clock.search import Search
 
     law, inclusion = question.law, question.inclusion
@@ -345,16 +359,17 @@ def _solve(question: Question, shape: Shape, C: Array | None) -> tuple[Solution,
     change = np.array(S, dtype=float)
     maps = in_basis(inclusion.floats, change, np.linalg.inv(change))
     T = float(law.T_max)
-    jump = maps.jump
-    if law.from_zero:  # its zeros and ones exactly so
+    jumps = list(maps.jumps())
+    if law.from_zero:  # their zeros and ones exactly so
         exact = Matrix.from_rows(S)
-        jump = (exact.inverse() @ inclusion.balls.jump @ exact).floats
-    unit = ErrorMaps(maps.base * T, tuple(part * T for part in maps.parts), maps.lower, maps.upper, jump)
-    if not all(np.all(np.isfinite(part)) for part in (unit.base, unit.jump, *unit.parts)):
+        jumps = [J.floats for J in in_basis(inclusion.balls, exact, exact.inverse()).jumps()]
+    unit = maps.mapped(lambda flow: flow * T, lambda J: J)
+    if not all(np.all(np.isfinite(part)) for part in (unit.base, *jumps, *unit.parts)):
         return None
-    problem = Search(shape, float(law.T_min) / T, maps.base.shape[0], None if C is None else C @ change, law.from_zero)
+    seen = None if C is None else [one @ change for one in C]
+    problem = Search(shape, float(law.T_min) / T, maps.base.shape[0], seen, law.from_zero)
     problem.cuts = question.memory.setdefault((shape, C is None), set())
-    solution = problem.solve(unit, float(question.rate) * T)
+    solution = problem.solve(unit, jumps, float(question.rate) * T)
     question.memory[shape, C is None] = problem.cuts
     return None if solution is None or not solution.margin > 0 else (solution, S)
 
@@ -381,7 +396,8 @@ def basis(inclusion: HybridInclusion) -> list[list[Fraction]]:
     over T_max (for a chain of integrators T^(i-1)); further states, held innovations, in the outputs' units."""
     plant, T = inclusion.plant, float(inclusion.sampling.T_max)
     n, N = plant.n, inclusion.floats.base.shape[0]
-    term = np.abs(plant.C.floats)
+    seen = np.max(np.abs(inclusion.view_floats.output_corners()), axis=0)
+    term = seen
     A = np.abs(plant.A.floats) * T
     size = term.max(axis=0)
     with np.errstate(all="ignore"):
@@ -390,7 +406,7 @@ def basis(inclusion: HybridInclusion) -> list[list[Fraction]]:
             # A state that the outputs feel directly keeps that unit.
             size = np.where(size > 0, size, term.max(axis=0))
     scale = [Fraction(2) ** -_exponent(value) for value in size]
-    rows = np.abs(plant.C.floats) @ np.diag([float(s) for s in scale])
+    rows = seen @ np.diag([float(s) for s in scale])
     for i in range(N - n):
         scale.append(Fraction(2) ** _exponent(rows[i % plant.p].max()))
     return [[s if i == j else Fraction(0) for j in range(N)] for i, s in enumerate(scale)]

@@ -95,10 +95,8 @@ def erases_the_rest(J: Matrix, kept: list[int]) -> bool:
 def in_basis(maps: ErrorMaps[M_], S: M_, inverse: M_) -> ErrorMaps[M_]:
     """The maps of z, with e = S z."""
     left: Any = inverse
-    return ErrorMaps(
-        left @ maps.base @ S,
-        tuple(left @ part @ S for part in maps.parts),
-        maps.lower,
-        maps.upper,
-        left @ maps.jump @ S,
-    )
+
+    def similar(M: M_) -> M_:
+        return left @ M @ S  # type: ignore[no-any-return]
+
+    return maps.mapped(similar, similar)

@@ -6,6 +6,7 @@ is kron(g, I) + kron(e, Lyapunov operator), so nothing is rebuilt from formulas 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
@@ -44,7 +45,7 @@ class Search:
     """One clock problem: maps in scaled states and unit time (T_max = 1), the shape of P, and the cuts met so far.
 
     Attributes:
-        C: the output matrix where the jump I - K C is free; None where `maps.jump` is given.
+        C: the output matrix where the jump I - K C is free, at each of its corners; None where the jumps are given.
         from_zero: the jump holds from tau = 0: J = diag(I, j), and P(0) is block diagonal alike.
         cuts: (coefficient of the flow inequality, corner) pairs imposed; carried from one period to the next.
     """
@@ -52,7 +53,7 @@ class Search:
     shape: Shape
     T_min: float
     N: int
-    C: Array | None
+    C: list[Array] | None
     from_zero: bool
     cuts: set[tuple[int, int]] = field(default_factory=set)
     crossing: Array = field(init=False, repr=False)
@@ -90,7 +91,7 @@ class Search:
         first = np.repeat(np.arange(shape.pieces) * shape.d, shape.D + 1)
         return g, e, first
 
-    def solve(self, maps: ErrorMaps[Array], sigma: float) -> Solution | None:
+    def solve(self, maps: ErrorMaps[Array], jumps: list[Array], sigma: float) -> Solution | None:
         """The certificate of largest margin met, or None where the relaxation with the cuts has none.
 
         The margin returned is over all corners; positive means found (in floats)."""
@@ -104,7 +105,7 @@ class Search:
             self.cuts = {(c, v) for c in range(count) for v in range(len(corners))}
         elif not self.cuts:
             self.cuts = {(c, v) for c in range(count) for v in (0, len(corners) - 1)}
-        static = self._static(maps.jump)
+        static = self._static(jumps)
         best: Solution | None = None
         for _ in range(_ROUNDS):
             solution = self._ask(L, static)
@@ -147,7 +148,7 @@ class Search:
 
     @property
     def _free(self) -> int:
-        return 0 if self.C is None else self.N * int(self.C.shape[0])
+        return 0 if self.C is None else self.N * int(self.C[0].shape[0])
 
     @property
     def _size(self) -> int:
@@ -156,22 +157,25 @@ class Search:
     def _unknown(self, number: int) -> slice:
         return slice(number * self._t, (number + 1) * self._t)
 
-    def _static(self, J: Array) -> tuple[list[Array], list[float], list[Cone]]:
-        """Trace, block structure of P(0), P(0) on the range of J, and the jump inequality."""
+    def _static(self, jumps: list[Array]) -> tuple[list[Array], list[float], list[Cone]]:
+        """Trace, block structure of P(0), P(0) on the range of J, and the jump inequality at every corner of J."""
         from cdobs_cli.exact.matrix import Matrix
 
         rows: list[Array] = []
         right: list[float] = []
         cones: list[Cone] = []
-        exact = Matrix.from_floats(J)
-        kept = kept_states(exact) if self.C is None else []
-        positive = kept if kept and erases_the_rest(exact, kept) else list(range(self.N))
+        exact = [Matrix.from_floats(J) for J in jumps]
+        kept = kept_states(exact[0]) if self.C is None else []
+        erased = len(exact) == 1 and bool(kept) and erases_the_rest(exact[0], kept)
+        positive = kept if erased else list(range(self.N))
         trace = np.zeros((1, self._size))
         trace[0, self._unknown(0)] = self.svec(np.diag([float(i in positive) for i in range(self.N)]))
         rows.append(trace)
         right.append(1.0)
         cones.append(("zero", 1))
         if self.from_zero:
+            if any(kept_states(J) != kept for J in exact):  # no block structure serves them all
+                kept = []
             lost = [i for i in range(self.N) if i not in kept]
             is_kept = np.isin(np.arange(self.N), kept)
             self.crossing = is_kept[:, None] != is_kept[None, :]
@@ -182,7 +186,7 @@ class Search:
                 rows.append(structure)
                 right.extend([0.0] * len(crossing))
                 cones.append(("zero", len(crossing)))
-            if lost:
+            for J in jumps if lost else ():
                 corner = J[np.ix_(lost, lost)]
                 gaps = np.array([jump_gap(P, P, corner) for P in self.basis[:, lost][:, :, lost]])
                 rows.append(self._semidefinite({0: self.svec(gaps)}, len(lost)))
@@ -192,26 +196,33 @@ class Search:
             rows.append(self._semidefinite({0: self.svec(self.basis[:, positive][:, :, positive])}, len(positive)))
             right.extend([0.0] * (len(positive) * (len(positive) + 1) // 2))
             cones.append(("psd", len(positive)))
-        zero = np.zeros((self.N, self.N))
         for number in range(max(self.shape.jump_from, int(self.from_zero)), self.shape.count):
-            if self.C is None:
-                old = self.svec(np.array([jump_gap(P, zero, J) for P in self.basis]))
-                new = self.svec(np.array([jump_gap(zero, P, J) for P in self.basis]))
-                parts = {0: old + new} if number == 0 else {0: old, number: new}
-                rows.append(self._semidefinite(parts, self.N))
-                dimension = self.N
-            else:
-                p = self.C.shape[0]
-                none = np.zeros((self.N, p))
-                old = self.svec(np.array([jump_block(P, none, self.C, zero) for P in self.basis]))
-                new = self.svec(np.array([jump_block(zero, none, self.C, P) for P in self.basis]))
-                units = np.eye(self.N * p).reshape(-1, self.N, p)
-                W = self.svec(np.array([jump_block(zero, unit, self.C, zero) for unit in units]))
-                rows.append(self._semidefinite({0: old, number: new, -1: W}, 2 * self.N))
-                dimension = 2 * self.N
-            right.extend([0.0] * (dimension * (dimension + 1) // 2))
-            cones.append(("psd", dimension))
+            blocks = self._given_jumps(number, jumps) if self.C is None else self._free_jumps(number, self.C)
+            for parts, dimension in blocks:
+                rows.append(self._semidefinite(parts, dimension))
+                right.extend([0.0] * (dimension * (dimension + 1) // 2))
+                cones.append(("psd", dimension))
         return rows, right, cones
+
+    def _given_jumps(self, number: int, jumps: list[Array]) -> Iterator[tuple[dict[int, Array], int]]:
+        """P(tau) - J'P(0)J at one coefficient, as coefficients of the unknowns, and its dimension."""
+        zero = np.zeros((self.N, self.N))
+        for J in jumps:
+            old = self.svec(np.array([jump_gap(P, zero, J) for P in self.basis]))
+            new = self.svec(np.array([jump_gap(zero, P, J) for P in self.basis]))
+            yield ({0: old + new} if number == 0 else {0: old, number: new}), self.N
+
+    def _free_jumps(self, number: int, corners: list[Array]) -> Iterator[tuple[dict[int, Array], int]]:
+        """[[P(0), P(0) - W C], [., P(tau)]] alike, one W for all corners of C."""
+        zero = np.zeros((self.N, self.N))
+        for C in corners:
+            p = C.shape[0]
+            none = np.zeros((self.N, p))
+            old = self.svec(np.array([jump_block(P, none, C, zero) for P in self.basis]))
+            new = self.svec(np.array([jump_block(zero, none, C, P) for P in self.basis]))
+            units = np.eye(self.N * p).reshape(-1, self.N, p)
+            W = self.svec(np.array([jump_block(zero, unit, C, zero) for unit in units]))
+            yield {0: old, number: new, -1: W}, 2 * self.N
 
     def _semidefinite(self, parts: dict[int, Array], dimension: int) -> Array:
         """Rows of `sum of parts - margin I` in the cone; key -1 is W."""

@@ -61,7 +61,7 @@ class Planar(Method):
     @classmethod
     def applies(cls, question: Question) -> bool:
         """A planar class, a jump with K_1 = 1, a rational constant period."""
-        return question.law.is_periodic and cleared_gain(question.inclusion) is not None
+        return super().applies(question) and question.law.is_periodic and cleared_gain(question.inclusion) is not None
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:
