@@ -78,7 +78,9 @@ class ConstantGain(Family):
 
     def refuses(self, plant: Plant) -> str | None:
         """Why no gain is looked for."""
-        return None
+        from cdobs_cli.certify.methods.clock.certificate import too_many_outputs
+
+        return too_many_outputs(plant)
 
     def why_nothing(self, question: Question) -> str:
         """Why a search found no gain."""

@@ -113,7 +113,7 @@ class Reachability(ConstantGain):
     def refuses(self, plant: Plant) -> str | None:
         from cdobs_cli.families.reachability.detectability import undetectable
 
-        return undetectable(plant)
+        return super().refuses(plant) or undetectable(plant)
 
     def why_nothing(self, question: Question) -> str:
         from cdobs_cli.families.reachability.search_plan import why_nothing
