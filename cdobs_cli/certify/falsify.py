@@ -373,17 +373,21 @@ def _finite(maps: ErrorMaps[Any]) -> bool:
 
 def slowest_decay(inclusion: HybridInclusion) -> arb | None:
     """A rate that the error certainly does not exceed: -ln(rho) / T of the sampled error at the worst corner of the
-    slope box, at the largest period; None where no corner gives one (or the loop is unstable there)."""
+    slope box and of the jump, at the largest period; None where no corner gives one (or the loop is unstable there)."""
     T = inclusion.sampling.T_max
     maps, exact = inclusion.floats, inclusion.balls
     corners = [_values(inclusion, corner) for corner in candidate_corners(inclusion)]
     flows = np.array([maps.flow(tuple(float(v) for v in corner)) for corner in corners])
     if not np.all(np.isfinite(flows)):
         return None
+    jumps = list(islice(maps.jumps(), _MOST_JUMPS))
     with np.errstate(all="ignore"):  # overflow at periods beyond any use
-        worst = int(np.argmax(spectral_radii(maps.jump @ exponentials(flows * float(T)))))
-    Phi = exact.flow(tuple(v.scalar for v in corners[worst])).exp(T.scalar)
-    rho = spectral_radius_lower(exact.jump @ Phi)
+        steps = exponentials(flows * float(T))
+        radii = np.array([spectral_radii(J @ steps) for J in jumps])
+    number, worst = np.unravel_index(int(np.argmax(radii)), radii.shape)
+    Phi = exact.flow(tuple(v.scalar for v in corners[int(worst)])).exp(T.scalar)
+    J = next(islice(exact.jumps(), int(number), None))
+    rho = spectral_radius_lower(J @ Phi)
     if not 0 < rho < 1:
         return None
     return -rho.log() / T.ball()

@@ -22,7 +22,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice, product
-from typing import Any
+from typing import Any, TypeVar
 
 from flint import fmpq
 
@@ -35,6 +35,9 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, fraction_t
 from cdobs_cli.exact.rational import is_zero, simplify
 from cdobs_cli.plant import Plant, Quantity
 from cdobs_cli.sampling import SamplingLaw
+
+S_ = TypeVar("S_")
+T_ = TypeVar("T_")
 
 _CORNERS = 32
 _DENOMINATOR = 10**6
@@ -108,7 +111,7 @@ def unseen(plant: Plant, law: SamplingLaw | None = None) -> Unseen | None:
         return None
     found = []
     seen = [(w, _factored(plant.output_matrix(w))) for w in _candidates(plant.output_quantities)]
-    for values, (w, C) in product(_candidates(plant.slopes.quantities), seen):
+    for values, (w, C) in _pairs(list(_candidates(plant.slopes.quantities)), seen):
         F = None if C is None else _factored(_flow(plant, values))
         if F is None or C is None:
             continue
@@ -122,6 +125,13 @@ def unseen(plant: Plant, law: SamplingLaw | None = None) -> Unseen | None:
             T, direction, factor = at_samples
             return Unseen(values, T, direction, factor, w)
     return None
+
+
+def _pairs(slopes: list[S_], outputs: list[T_]) -> Iterator[tuple[S_, T_]]:
+    """All of the one with the first two (middle, nearest to 0) of the other."""
+    for (i, values), (k, seen) in product(enumerate(slopes), enumerate(outputs)):
+        if min(i, k) < 2:
+            yield values, seen
 
 
 def _candidates(quantities: tuple[Quantity, ...]) -> Iterator[tuple[Exact, ...]]:

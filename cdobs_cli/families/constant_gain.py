@@ -78,9 +78,10 @@ class ConstantGain(Family):
 
     def refuses(self, plant: Plant) -> str | None:
         """Why no gain is looked for."""
+        from cdobs_cli.certify.methods.clock.certificate import too_many_outputs
         from cdobs_cli.certify.reasons import undetectable
 
-        return undetectable(plant)
+        return too_many_outputs(plant) or undetectable(plant)
 
     def why_nothing(self, question: Question) -> str:
         """Why a search found no gain."""

@@ -56,7 +56,10 @@ Parameter = Annotated[Any, WithJsonSchema({"anyOf": [{"type": "number"}, {"type"
 
 
 class PlantBlock(Block):
-    """xdot = A x + phi(x, u) + B u + d with bounds of the slopes of phi, or xdot = f(x, u), y = h(x)."""
+    """xdot = A x + phi(x, u) + B u + d with bounds of the slopes of phi, or xdot = f(x, u), y = h(x, u).
+
+    Outputs need not be linear: their slopes over the domain are found and proved, and known inputs are subtracted.
+    With `coordinates` they are linear in these."""
 
     required: ClassVar[tuple[str, ...]] = ("states",)
     states: Annotated[tuple[Name, ...], sized(1, MAX_STATES)] | None = None

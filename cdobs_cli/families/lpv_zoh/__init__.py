@@ -111,7 +111,7 @@ class LpvZeroOrderHold(ConstantGain):
     def refuses(self, plant: Plant) -> str | None:
         from cdobs_cli.families.lpv_zoh.search_plan import too_many_corners
 
-        return too_many_corners(plant) or super().refuses(plant)
+        return super().refuses(plant) or too_many_corners(plant)
 
     def beyond(self, question: Question, own: Sequence[Method]) -> tuple[list[Certificate], dict[str, Any]]:
         from cdobs_cli.families.lpv_zoh.search_plan import beyond

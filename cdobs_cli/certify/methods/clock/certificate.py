@@ -56,6 +56,7 @@ from cdobs_cli.certify.texts import rate_of, rationals, symmetric_from_upper, up
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text
 from cdobs_cli.hybrid import HybridInclusion
+from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
@@ -252,6 +253,16 @@ def _well_posed(shape: Shape, law: SamplingLaw) -> bool:
 def _is_small(inclusion: HybridInclusion) -> bool:
     """Whether there are few enough corners, of flow and jump, to enumerate."""
     return len(inclusion.quantities) <= MAX_CORNER_ENTRIES and len(inclusion.outputs) <= MAX_OUTPUT_ENTRIES
+
+
+def too_many_outputs(plant: Plant) -> str | None:
+    """Why an output is not taken: no other method takes slopes of outputs that vary."""
+    count = len(plant.output_quantities)
+    if count <= MAX_OUTPUT_ENTRIES:
+        return None
+    return (
+        f"the outputs have {count} slopes that vary, at most {MAX_OUTPUT_ENTRIES} are taken: measure simpler functions"
+    )
 
 
 def _positive_on_range(P_0: Matrix, jumps: list[Matrix]) -> bool:
