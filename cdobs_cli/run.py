@@ -67,8 +67,20 @@ class Trajectory:
 
 
 @dataclass(frozen=True)
+class Departure(Noun):
+    """Leaving the domain: `what` (a state, the estimate of one, a condition) is first seen outside at `time`, at
+    `value`; `allowed` is where it should be, and `beyond` how far outside it comes in all."""
+
+    what: str
+    time: float
+    value: float
+    allowed: str
+    beyond: float
+
+
+@dataclass(frozen=True)
 class RunSummary(Noun):
-    """The figures of one run, as in `simulation.json`."""
+    """The figures of one run, as in `simulation.json`; of all runs, the earliest departure."""
 
     measurements: int
     period_min: float | None
@@ -78,6 +90,7 @@ class RunSummary(Noun):
     inclusion_margin: float | None
     diverged: bool
     left_domain: bool
+    departure: Departure | None = None
     stopped: str | None = None
 
 

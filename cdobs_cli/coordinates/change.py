@@ -28,6 +28,7 @@ from cdobs_cli.exact.expression import Expression, ExpressionError, Variable
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text
 from cdobs_cli.exact.rational import simplify
 from cdobs_cli.exact.solve import determinant, substituted
+from cdobs_cli.hybrid import OriginalStates
 from cdobs_cli.plant import Box, CoordinateMap, Domain, Interval, Plant, TypedDynamics
 
 if TYPE_CHECKING:
@@ -64,6 +65,11 @@ class Coordinates:
     def region(self) -> Region:
         """The typed domain and the input ranges."""
         return Region.of(self.typed)
+
+    @property
+    def original(self) -> OriginalStates:
+        """The user's states over those of the plant."""
+        return OriginalStates(self.typed.domain, dict(zip(self.states, self.inverse, strict=True)))
 
     def original_values(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
         """x along trajectories of z, shape (.., n); nan where the inverse has no value."""

@@ -24,7 +24,15 @@ from cdobs_cli.report.blocks import (
 )
 from cdobs_cli.report.ladder import Ladder
 from cdobs_cli.report.model import Report, bound_title, domain_text
-from cdobs_cli.report.numbers import NOTHING, about_text, end_text, ends_text, margin_text, number_text
+from cdobs_cli.report.numbers import (
+    NOTHING,
+    about_text,
+    departure_sentence,
+    end_text,
+    ends_text,
+    margin_text,
+    number_text,
+)
 from cdobs_cli.report.references import cited
 from cdobs_cli.report.witnesses import witness_name
 from cdobs_cli.run import RunSummary
@@ -267,6 +275,8 @@ def _simulation(report: Report) -> Section:
     columns = ("run", "samples", *periods, "final error", "RMSE", "inclusion margin", "outcome")
     caption = f"The first {MAX_RUN_ROWS} of {len(runs)} runs." if len(runs) > MAX_RUN_ROWS else ""
     blocks: list[Block] = [Grid(columns, tuple(rows), "", caption)]
+    if overall.departure is not None:
+        blocks.append(Paragraph(f"{departure_sentence(overall.departure, 's')}."))
     blocks += [Picture(chart) for chart in report.charts if chart.name in _SIMULATION_CHARTS]
     return Section("Simulation", tuple(blocks))
 

@@ -24,14 +24,13 @@ LAST_SAMPLE = "t.k"
 @dataclass(frozen=True)
 class View:
     """What can be seen of the loop at points (P,): x (n, P); estimates by name (n, P); internals, inputs
-    and other signals by name (P,); stops (s, P); where (w, P)."""
+    and other signals by name (P,); stops (s, P)."""
 
     x: Array
     estimates: Mapping[str, Array]
     internals: Mapping[str, Array]
     signals: Mapping[str, Array]
     stops: Array
-    where: Array
 
     @property
     def error(self) -> Array | None:
@@ -70,18 +69,9 @@ class ClosedLoop:
         self._control = self._arrays(tuple(self.observer.control.values()))
         seen = [*(row for rows in self.observer.estimates.values() for row in rows), *self.observer.internals.values()]
         seen += [*(Variable(name) for name in self.controls), *signals.continuous.values()]
-        self.where = self._conditions()
-        seen += [*(expression for expression, _ in self.observer.stops), *self.where]
+        seen += [expression for expression, _ in self.observer.stops]
         self._see = self._arrays(seen)
         self._trigger = None if self.observer.trigger is None else self._arrays((self.observer.trigger,))
-
-    def _conditions(self) -> tuple[Expression, ...]:
-        """The domain's `where` conditions at x, and at x_hat where it is reported."""
-        where, x_hat = self.plant.domain.where, self.observer.estimates.get("x_hat")
-        if x_hat is None or not self.system.estimate_must_stay:
-            return where
-        estimated = dict(zip(self.plant.states, x_hat, strict=True))
-        return where + tuple(condition.substitute(estimated) for condition in where)
 
     def _closed(self, expression: Expression) -> Expression:
         return expression.substitute(self._signal_values)
@@ -141,8 +131,7 @@ class ClosedLoop:
         estimates = {name: take(len(rows)) for name, rows in self.observer.estimates.items()}
         internals = {name: take(1)[0] for name in self.observer.internals}
         signals = {name: take(1)[0] for name in (*self.controls, *self.signals.continuous)}
-        stops, where = take(len(self.observer.stops)), take(len(self.where))
-        return View(y[: self.plant.n], estimates, internals, signals, stops, where)
+        return View(y[: self.plant.n], estimates, internals, signals, take(len(self.observer.stops)))
 
 
 def stacked(values: tuple[Any, ...], points: int) -> Array:

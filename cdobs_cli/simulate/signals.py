@@ -14,12 +14,11 @@ import numpy as np
 from cdobs_cli.arrays import Array, Booleans, Integers
 from cdobs_cli.errors import Problem, SpecError
 from cdobs_cli.exact.compiled import compile_floats
-from cdobs_cli.exact.expression import ZERO, Call, Expression, Power, Variable, power
+from cdobs_cli.exact.draws import is_random, with_draws
+from cdobs_cli.exact.expression import ZERO, Expression
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.plant import Plant
 
-# Random functions of the language and the standard variable each one is made from.
-RANDOM = ("uniform", "normal")
 _PURPOSES = {"initial": 0, "periods": 1, "noise": 2}
 
 
@@ -81,10 +80,10 @@ class Signals:
         problems += [
             Problem(_field(name), random, str(signal), "an expression of t")
             for name, signal in continuous.items()
-            if any(isinstance(node, Call) and node.function in RANDOM for node in signal.walk())
+            if is_random(signal)
         ]
         draws: list[str] = []
-        noise = {name: _with_draws(typed.get(name, ZERO), draws) for name in noisy}
+        noise = {name: with_draws(typed.get(name, ZERO), draws) for name in noisy}
         problems += [
             Problem(_field(name), "a signal is an expression of t", str(signal), "t")
             for name, signal in {**continuous, **noise}.items()
@@ -156,23 +155,6 @@ class Noise:
         values = [np.broadcast_to(value, t.shape) for value in self._values(t, *drawn)]
         self.signals.refuse_outside(self.signals.noise, t, dict(zip(self.signals.noise, values, strict=True)))
         return np.array(values).reshape(len(values), len(t))
-
-
-def _with_draws(node: Expression, draws: list[str]) -> Expression:
-    """uniform(lo, hi) -> lo + (hi - lo) draw, normal(sigma) -> sigma draw; every occurrence is a draw of its own."""
-    if not any(isinstance(part, Call) and part.function in RANDOM for part in node.walk()):
-        return node
-    if isinstance(node, Call) and node.function in RANDOM:
-        draw = Variable(f"draw.{len(draws)}")
-        draws.append(node.function)
-        arguments = [_with_draws(child, draws) for child in node.children]
-        if node.function == "normal":
-            return arguments[0] * draw
-        return arguments[0] + (arguments[1] - arguments[0]) * draw
-    if isinstance(node, Call):
-        return Call(node.function, tuple(_with_draws(child, draws) for child in node.children))
-    assert isinstance(node, Power)
-    return power(_with_draws(node.base, draws), node.exponent)
 
 
 def _range(name: str, lower: Exact | None, upper: Exact | None) -> Range:

@@ -24,6 +24,7 @@ from cdobs_cli.run import SimulationPlan
 from cdobs_cli.spec.block import Block, Text, is_identifier, placed, read_block
 from cdobs_cli.spec.boxes import MAX_STATES
 from cdobs_cli.spec.expect import Expectation, ExpectBlock, expect_problems, expectation
+from cdobs_cli.spec.limits import limit_problems
 from cdobs_cli.spec.measurement_block import MeasurementBlock, measurement_problems, sampling_law
 from cdobs_cli.spec.plant_block import MAX_PARAMETERS, PlantBlock, plant_problems, typed_plant
 from cdobs_cli.spec.plant_file import read_plant_file
@@ -197,7 +198,9 @@ class _Loader:
 
         noise = None if measurement.noise is None else measurement.noise.box()
         typed = typed_plant(plant, measurement.C, sampling_law(measurement), noise, tuple(context["coordinates"]))
-        final, run, coordinates = self.derive(typed, None if simulation is None else plan(simulation))
+        asked = None if simulation is None else plan(simulation)
+        self.problems += () if asked is None else limit_problems(typed, asked)
+        final, run, coordinates = self.derive(typed, asked)
         self.problems += family.problems(final, run) if family is not None else []
         if self.failed or family is None:
             raise self.fail()
