@@ -309,7 +309,7 @@ def report_model(work: Work, digests: Mapping[str, str]) -> Report:
     spec, design = work.spec, work.design
     return Report(
         readable(work.store.folder.name), readable(spec.title), readable(str(spec.source_path)), plant_of(spec, design),
-        spec.observer, design, work.check, work.run, spec.typed, spec.coordinates, tuple(told), digests,
+        spec.observer, design, work.check, work.run, spec.typed, spec.coordinates, tuple(told), digests, spec.signals,
     )  # fmt: skip
 
 

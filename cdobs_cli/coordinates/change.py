@@ -30,6 +30,7 @@ from cdobs_cli.exact.rational import simplify
 from cdobs_cli.exact.solve import determinant, substituted
 from cdobs_cli.hybrid import OriginalStates
 from cdobs_cli.plant import Box, CoordinateMap, Domain, Interval, Plant, TypedDynamics
+from cdobs_cli.run import ESTIMATE
 
 if TYPE_CHECKING:
     from cdobs_cli.run import SimulationPlan
@@ -104,7 +105,15 @@ class Coordinates:
             initial_state=moved(plan.initial_state, "initial_state"),
             initial_estimate=moved(plan.initial_estimate, "initial_estimate"),
             initial_box=None if plan.initial_box is None else self.box(plan.initial_box),
+            signals={name: signal.substitute(self._estimates) for name, signal in plan.signals.items()},
         )
+
+    @property
+    def _estimates(self) -> dict[str, Expression]:
+        """The estimates of the user's states, made of those of the coordinates."""
+        hat = {name: Variable(f"{ESTIMATE}{name}") for name in self.names}
+        rows = substituted(self.inverse, hat)
+        return {f"{ESTIMATE}{name}": row for name, row in zip(self.states, rows, strict=True)}
 
     def premises(self, claims: Sequence[Claim]) -> tuple[Claim, ...]:
         """The claims on the transformed plant, with what is claimed of the typed one and of the change itself.

@@ -15,6 +15,7 @@ from cdobs_cli.plant import Domain, Plant, TypedDynamics
 
 if TYPE_CHECKING:
     from cdobs_cli.coordinates import Coordinates
+    from cdobs_cli.exact.expression import Expression
     from cdobs_cli.families.base import Family
     from cdobs_cli.hybrid import Observer
     from cdobs_cli.report.ladder import Ladder
@@ -52,8 +53,9 @@ def bound_title(name: str) -> str:
 class Report:
     """Everything that a report says, assembled and not yet written.
 
-    expectations: (what was expected, whether it holds, what was found). What is costly (exhibits, charts,
-    equations, versions) is made when first asked for: a terminal's summary needs none of it.
+    expectations: (what was expected, whether it holds, what was found). signals: of the inputs in the simulation. What
+    is costly (exhibits, charts, equations, versions) is made when first asked for: a terminal's summary needs none of
+    it.
     """
 
     name: str
@@ -68,6 +70,7 @@ class Report:
     coordinates: Coordinates | None = None
     expectations: tuple[tuple[str, bool, str], ...] = ()
     digests: Mapping[str, str] = field(default_factory=dict)
+    signals: Mapping[str, Expression] = field(default_factory=dict)
 
     @cached_property
     def exhibits(self) -> Exhibits:

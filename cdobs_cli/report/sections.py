@@ -274,11 +274,20 @@ def _simulation(report: Report) -> Section:
     periods = ("shortest period (s)", "longest period (s)")
     columns = ("run", "samples", *periods, "final error", "RMSE", "inclusion margin", "outcome")
     caption = f"The first {MAX_RUN_ROWS} of {len(runs)} runs." if len(runs) > MAX_RUN_ROWS else ""
-    blocks: list[Block] = [Grid(columns, tuple(rows), "", caption)]
+    blocks: list[Block] = [*_signals(report), Grid(columns, tuple(rows), "", caption)]
     if overall.departure is not None:
         blocks.append(Paragraph(f"{departure_sentence(overall.departure, 's')}."))
     blocks += [Picture(chart) for chart in report.charts if chart.name in _SIMULATION_CHARTS]
     return Section("Simulation", tuple(blocks))
+
+
+def _signals(report: Report) -> tuple[Block, ...]:
+    """What the inputs are."""
+    if not report.signals:
+        return ()
+    fed = any(signal.variables - {"t"} for signal in report.signals.values())
+    words = "The inputs, y being the last measurement:" if fed else "The inputs:"
+    return Paragraph(words), Mathematics(systems.signal_equations(report.signals, report.plant.p))
 
 
 def _run_row(name: str, summary: RunSummary) -> tuple[Cell, ...]:

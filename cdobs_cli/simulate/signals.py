@@ -18,6 +18,7 @@ from cdobs_cli.exact.draws import is_random, with_draws
 from cdobs_cli.exact.expression import ZERO, Expression
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.plant import Plant
+from cdobs_cli.run import ESTIMATE
 
 _PURPOSES = {"initial": 0, "periods": 1, "noise": 2}
 
@@ -39,14 +40,15 @@ class Range:
 
 @dataclass(frozen=True)
 class Signals:
-    """Every signal of a simulation, closed: expressions of `t` (and `draw.0`, .. in noise).
+    """Every signal of a simulation, closed: expressions of `t` (and `draw.0`, .. in noise), inputs also of the estimate
+    `hat.<state>` and of the last measurement `y.0`, ...
 
     Attributes:
         continuous: inputs that no controller sets, and `d.i`.
         noise: `v.0`, `v.1`, ..; empty where the plant declares none.
         draws: the standard random variables that noise uses, in order of `draw.k`.
         ranges: declared intervals of continuous signals and of noise.
-        held_ranges: declared intervals of inputs that a controller sets.
+        held_ranges: declared intervals of inputs that a controller or feedback sets: a run that leaves them ends.
     """
 
     continuous: Mapping[str, Expression]
@@ -84,19 +86,27 @@ class Signals:
         ]
         draws: list[str] = []
         noise = {name: with_draws(typed.get(name, ZERO), draws) for name in noisy}
+        fed = fed_back(continuous, names[: len(names) if plant.disturbance is None else -plant.n])
+        known = {"t", *(f"{ESTIMATE}{name}" for name in plant.states), *(f"y.{k}" for k in range(plant.p))}
         problems += [
             Problem(_field(name), "a signal is an expression of t", str(signal), "t")
             for name, signal in {**continuous, **noise}.items()
-            if {variable for variable in signal.variables if not variable.startswith("draw.")} - {"t"}
+            if {variable for variable in signal.variables if not variable.startswith("draw.")}
+            - (known if name in fed else {"t"})
         ]
         if problems:
             raise SpecError(tuple(problems))
         ranges = [_range(one.name, one.range.lower, one.range.upper) for one in plant.inputs if one.range is not None]
-        held = tuple(one for one in ranges if one.name in controlled)
+        held = tuple(one for one in ranges if one.name in controlled | fed)
         for letter, box in (("d", plant.disturbance), ("v", plant.noise)):
             ends = zip(box.lower, box.upper, strict=True) if box is not None else ()
             ranges += [_range(f"{letter}.{i}", *pair) for i, pair in enumerate(ends)]
         return Signals(continuous, noise, tuple(draws), tuple(one for one in ranges if one not in held), held)
+
+    @property
+    def reads_measurements(self) -> bool:
+        """Whether an input is a function of the last measurement."""
+        return any(name.startswith("y.") for signal in self.continuous.values() for name in signal.variables)
 
     def refuse_outside(self, names: Iterable[str], t: Array, values: Mapping[str, Array]) -> None:
         """Raises: SpecError at the first time a signal is outside its declared interval.
@@ -114,6 +124,11 @@ class Signals:
                 got = f"{float(value[first]):.9g} at t = {float(t[first]):.9g}"
                 allowed = f"[{interval.lower:.9g}, {interval.upper:.9g}]"
                 raise SpecError.at(_field(interval.name), "the signal leaves its declared interval", got, allowed)
+
+
+def fed_back(signals: Mapping[str, Expression], inputs: Iterable[str]) -> set[str]:
+    """The inputs whose signal reads the estimate or the last measurement."""
+    return {name for name in inputs if signals[name].variables - {"t"}}
 
 
 class Draws:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -54,7 +54,8 @@ class Header(Block):
 class Spec:
     """A spec without mistakes.
 
-    coordinates: the way back to the states that the user typed, where `plant` and `simulation` are not in them.
+    coordinates: the way back to the states that the user typed, where `plant` and `simulation` are not in them;
+    signals: of the inputs, over the estimates of the states that the user typed.
     """
 
     title: str
@@ -66,6 +67,7 @@ class Spec:
     document: Document
     typed: TypedDynamics | None = None
     coordinates: Coordinates | None = None
+    signals: Mapping[str, Expression] = field(default_factory=dict)
 
     def location(self, path: FieldPath) -> tuple[str, int, int]:
         """File, line and column of a value, or of the nearest thing around it that was typed."""
@@ -182,7 +184,8 @@ class _Loader:
             self.problems += measurement_problems(measurement, measurement_wrong, plant, context["states"])
         # The observer's own expressions are over the states that the plant ends up in.
         family = self.family(root.get("observer"), {**context, "states": context["coordinates"]})
-        simulation, simulation_wrong = self.section(SimulationBlock, root.get("simulation"), "simulation", context)
+        seen = {**context, "outputs": _outputs(plant, measurement)}
+        simulation, simulation_wrong = self.section(SimulationBlock, root.get("simulation"), "simulation", seen)
         if simulation is not None:
             law = None if measurement is None or measurement.sampling is None else sampling_law(measurement)
             self.problems += simulation_problems(
@@ -210,6 +213,7 @@ class _Loader:
             title=header.title or self.path.stem, plant=final, observer=family, simulation=run, expect=entries,
             source_path=self.path, document=self.document,
             typed=typed if isinstance(typed, TypedDynamics) else None, coordinates=coordinates,
+            signals={} if asked is None else asked.inputs,
         )  # fmt: skip
 
     def section(self, model: type[Any], value: Any, name: str, context: dict[str, Any]) -> tuple[Any, set[str]]:
