@@ -72,7 +72,7 @@ def _unproved(spec: Spec, check: dict[str, Any] | None) -> Iterator[Message]:
     """One message for each required claim that is not proved, at the line that it is about."""
     for claim in (check or {"claims": ()})["claims"]:
         if claim["required"] and claim["status"] != "proved":
-            text = f"{claim['id']} {claim['status']}: {claim['statement']}"
+            text = f"{claim['id']} {claim['status']}: {spec.labels.sentence(claim['statement'])}"
             yield _message(spec, text, _place(spec, claim["id"]), claim["id"])
 
 
@@ -90,7 +90,7 @@ def _place(spec: Spec, claim: str) -> Field:
 
 def _without_design(spec: Spec, design: dict[str, Any] | None, named: set[str]) -> Iterator[Message]:
     if design is not None and design["outcome"] == "none" and "design.outcome" not in named:
-        yield _message(spec, f"no design found: {design['reason']}", ("observer",), "design")
+        yield _message(spec, f"no design found: {spec.labels.sentence(str(design['reason']))}", ("observer",), "design")
 
 
 def _of_simulation(spec: Spec, simulation: dict[str, Any] | None, named: set[str]) -> Iterator[Message]:
@@ -117,7 +117,7 @@ def departure_text(spec: Spec, simulation: dict[str, Any]) -> str:
         return ""
     from cdobs_cli.report.numbers import departure_sentence
 
-    told = departure_sentence(Departure.from_document(overall["departure"]), "s")
+    told = departure_sentence(Departure.from_document(overall["departure"]), spec.labels)
     left = [number for number, one in enumerate(runs, start=1) if one["left_domain"]]
     if len(runs) == 1:
         return told

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from cdobs_cli.certificate import Bound, Check, Claim, Status
 from cdobs_cli.chart import Chart, Exhibits
 from cdobs_cli.design import Design
+from cdobs_cli.labels import Labels
 from cdobs_cli.plant import Domain, Plant, TypedDynamics
 
 if TYPE_CHECKING:
@@ -71,13 +72,15 @@ class Report:
     expectations: tuple[tuple[str, bool, str], ...] = ()
     digests: Mapping[str, str] = field(default_factory=dict)
     signals: Mapping[str, Expression] = field(default_factory=dict)
+    labels: Labels = field(default_factory=Labels)
 
     @cached_property
     def exhibits(self) -> Exhibits:
         """What the family adds."""
         if self.design.outcome == "none":
             return Exhibits()
-        return self.family.exhibits(self.plant, self.design, self.check, self.run)
+        exhibits = self.family.exhibits(self.plant, self.design, self.check, self.run)
+        return self.labels.exhibits(exhibits, self._axes)
 
     @cached_property
     def observer(self) -> Observer | None:
@@ -93,7 +96,7 @@ class Report:
         ladder = period_ladder(self.check.bounds) if self.check else None
         common: list[Chart | Ladder] = [ladder] if ladder else []
         if self.check is not None:
-            common += witness_charts(self.check)
+            common += [self.labels.chart(one) for one in witness_charts(self.check)]
         common += self.run_charts
         own = {chart.name for chart in self.exhibits.charts}
         return (*(chart for chart in common if chart.name not in own), *self.exhibits.charts)
@@ -107,7 +110,16 @@ class Report:
             return ()
         checked = self.check if self.design.outcome != "none" else None
         envelope = None if checked is None else self.family.envelope(self.plant, self.design, checked)
-        return run_charts(self.plant, self.run, envelope, self.coordinates)
+        charts = run_charts(self.plant, self.run, envelope, self.coordinates)
+        return tuple(self.labels.chart(one, self._axes) for one in charts)
+
+    @property
+    def _axes(self) -> dict[str, str]:
+        """The states that axes are of, by what stands there."""
+        from cdobs_cli.report.trajectories import axis_name
+
+        names = self.labels.states
+        return {axis_name(name): name for name in names} | {f"width of {name}": name for name in names}
 
     @cached_property
     def versions(self) -> dict[str, str]:
