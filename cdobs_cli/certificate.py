@@ -85,11 +85,12 @@ class Certificate(Noun):
 
 @dataclass(frozen=True)
 class Check(Artefact):
-    """All claims and bounds of one spec with one design."""
+    """All claims and bounds of one spec with one design. time_unit: the label of the bounds' time, empty for `s`."""
 
     claims: tuple[Claim, ...]
     bounds: dict[str, Bound] = field(default_factory=dict)
     digests: dict[str, str] = field(default_factory=dict)
+    time_unit: str = field(default="", metadata={OPTIONAL: True})
 
     @property
     def verdict(self) -> Status:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.outcome import Message
+from cdobs_cli.run import Departure
 from cdobs_cli.spec.expect import Outcome, evaluate
 
 if TYPE_CHECKING:
@@ -71,7 +72,7 @@ def _unproved(spec: Spec, check: dict[str, Any] | None) -> Iterator[Message]:
     """One message for each required claim that is not proved, at the line that it is about."""
     for claim in (check or {"claims": ()})["claims"]:
         if claim["required"] and claim["status"] != "proved":
-            text = f"{claim['id']} {claim['status']}: {claim['statement']}"
+            text = f"{claim['id']} {claim['status']}: {spec.labels.sentence(claim['statement'])}"
             yield _message(spec, text, _place(spec, claim["id"]), claim["id"])
 
 
@@ -98,7 +99,7 @@ def _place_of_slope(parts: list[str]) -> Field:
 
 def _without_design(spec: Spec, design: dict[str, Any] | None, named: set[str]) -> Iterator[Message]:
     if design is not None and design["outcome"] == "none" and "design.outcome" not in named:
-        yield _message(spec, f"no design found: {design['reason']}", ("observer",), "design")
+        yield _message(spec, f"no design found: {spec.labels.sentence(str(design['reason']))}", ("observer",), "design")
 
 
 def _of_simulation(spec: Spec, simulation: dict[str, Any] | None, named: set[str]) -> Iterator[Message]:
@@ -107,16 +108,30 @@ def _of_simulation(spec: Spec, simulation: dict[str, Any] | None, named: set[str
         return
     overall = simulation["overall"]
     margin, stopped = overall["inclusion_margin"], overall["stopped"]
-    left = "a state or its estimate leaves the domain where the slopes are claimed"
     flags = {
         "diverged": (overall["diverged"], f"the error diverges: {stopped or 'it exceeds 1e6 (1 + |e(0)|)'}"),
-        "left_domain": (overall["left_domain"], left),
+        "left_domain": (overall["left_domain"], departure_text(spec, simulation)),
         "inclusion_margin": (margin is not None and margin < 0, f"the state leaves its bounds by {_size(margin)}"),
         "stopped": (stopped is not None and not overall["diverged"], f"the run stops early: {stopped}"),
     }
     for quantity, (is_set, text) in flags.items():
         if is_set and not any(name.startswith("simulation.") and name.endswith(f".{quantity}") for name in named):
             yield _message(spec, text, ("simulation",), f"simulation.{quantity}")
+
+
+def departure_text(spec: Spec, simulation: dict[str, Any]) -> str:
+    """Which state leaves the domain, when, at which value, and by how much in all; of several runs the earliest."""
+    overall, runs = simulation["overall"], simulation["runs"]
+    if overall["departure"] is None:
+        return ""
+    from cdobs_cli.report.numbers import departure_sentence
+
+    told = departure_sentence(Departure.from_document(overall["departure"]), spec.labels)
+    left = [number for number, one in enumerate(runs, start=1) if one["left_domain"]]
+    if len(runs) == 1:
+        return told
+    first = next(number for number in left if runs[number - 1]["departure"] == overall["departure"])
+    return f"{told} (run {first}; {len(left)} of {len(runs)} runs leave it)"
 
 
 def _size(margin: float | None) -> str:

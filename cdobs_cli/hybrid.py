@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from cdobs_cli.exact.expression import Expression, Variable
 from cdobs_cli.exact.numbers import Exact
-from cdobs_cli.plant import Entry, Plant, Quantity
+from cdobs_cli.plant import Domain, Entry, Plant, Quantity
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
@@ -265,10 +265,20 @@ class Observer:
 
 
 @dataclass(frozen=True)
+class OriginalStates:
+    """The states that the user typed where the plant is in other coordinates: their domain, and each of them, by its
+    name, over the plant's states."""
+
+    domain: Domain
+    inverse: Mapping[str, Expression]
+
+
+@dataclass(frozen=True)
 class HybridSystem:
     """Plant and observer together: flow, jump, next sample, as expressions over one list of states.
 
     estimate_must_stay: whether an estimate outside the plant's domain counts as leaving it, as a state does.
+    original: the user's states, where the plant is not in them.
 
     Names: `states` (the plant's, then the observer's), `signals` (inputs, `d.i`), `t`; in `jump` and
     `measurement` also `v.i`, `y.i`, `elapsed`.
@@ -277,6 +287,7 @@ class HybridSystem:
     plant: Plant
     observer: Observer
     estimate_must_stay: bool = True
+    original: OriginalStates | None = None
 
     @property
     def states(self) -> tuple[str, ...]:

@@ -94,11 +94,22 @@ def check(work: Work) -> Check:
         stored = None if "check" in work.forced else work.store.check()
         if stored is None or not _comes_from(stored.digests, _check_digests(work, design)):
             proved, design = _of_design(work, design, _certify)
-            proved = replace(proved, digests=_check_digests(work, design))
-            stored = replace(proved, digests=work.store.write("check.json", proved.document())["digests"])
+            stored = _written(work, replace(proved, digests=_check_digests(work, design)))
             work.redone.add("check")
-        work.check = stored
+        work.check = _labelled(work, stored)
     return work.check
+
+
+def _written(work: Work, proved: Check) -> Check:
+    labelled = work.spec.labels.bounds(proved)
+    return replace(labelled, digests=work.store.write("check.json", labelled.document())["digests"])
+
+
+def _labelled(work: Work, stored: Check) -> Check:
+    """With the labels of the spec; another label is written anew, and nothing else."""
+    if work.spec.labels.bounds(stored) == stored:
+        return stored
+    return _written(work, stored)
 
 
 def _check_digests(work: Work, design: Design) -> dict[str, str]:
@@ -215,7 +226,8 @@ def _write_run(work: Work, design: Design, run: Run) -> dict[str, Any]:
     # The archive first: simulation.json, which names its digest, is what makes a run count as there.
     archive = to_bytes(run)
     work.store.write_files({"simulation.npz": archive})
-    told = replace(report_model(work, {}), check=_stored_check(work, design), run=run)
+    stored = _stored_check(work, design)
+    told = replace(report_model(work, {}), check=None if stored is None else work.spec.labels.check(stored), run=run)
     work.store.write_files(figures_of_run(told))
     run = replace(run, digests={**_simulation_digests(work, design), ARCHIVE: _sha256(archive)})
     work.redone.add("simulate")
@@ -225,7 +237,9 @@ def _write_run(work: Work, design: Design, run: Run) -> dict[str, Any]:
 def _stored_check(work: Work, design: Design) -> Check | None:
     """The check made or stored, where it is of this design."""
     stored = work.check or work.store.check()
-    return stored if stored is not None and _comes_from(stored.digests, _check_digests(work, design)) else None
+    if stored is None or not _comes_from(stored.digests, _check_digests(work, design)):
+        return None
+    return _labelled(work, stored)
 
 
 def replay(work: Work, identifier: str) -> dict[str, Any]:
@@ -257,7 +271,7 @@ def replay(work: Work, identifier: str) -> dict[str, Any]:
         again = run_witness(observer.inclusion(plant, design.gain), claim.witness)
         chart = replay_chart(name, identifier, again.arrays(), again.entries)
     archive = packed(again.arrays())
-    work.store.write_files({f"{name}.npz": archive, **figures([chart])})
+    work.store.write_files({f"{name}.npz": archive, **figures([work.spec.labels.chart(chart)])})
     digests = _check_digests(work, design) | {"check": proved.digests[CONTENT], ARCHIVE: _sha256(archive)}
     document = {"schema_version": 1, "claim": identifier, **again.document(), "digests": digests}
     work.simulation = work.store.write(f"{name}.json", document)
@@ -309,17 +323,20 @@ def report_model(work: Work, digests: Mapping[str, str]) -> Report:
 
     assert work.design is not None
     told = [(str(one.expectation), one.holds, one.told) for one in at_hand(work.spec, documents(work))]
-    spec, design = work.spec, work.design
+    spec, design, labels = work.spec, work.design, work.spec.labels
+    check = None if work.check is None else labels.check(work.check)
     return Report(
         readable(work.store.folder.name), readable(spec.title), readable(str(spec.source_path)), plant_of(spec, design),
-        spec.observer, design, work.check, work.run, spec.typed, spec.coordinates, tuple(told), digests,
+        spec.observer, labels.design(design), check, work.run, spec.typed, spec.coordinates, tuple(told), digests,
+        spec.signals, labels,
     )  # fmt: skip
 
 
 def _render(work: Work) -> list[Path]:
     digests = {name: document["digests"][CONTENT] for name, document in documents(work).items() if document is not None}
     # What the page shows and is not in an artefact.
-    spec, more = work.spec, {"spec": work.spec.normalised(), "title": work.spec.title, "cdobs": __version__}
+    spec, shown = work.spec, {"time": work.spec.labels.time, "states": dict(work.spec.labels.states)}
+    more = {"spec": spec.normalised(), "title": spec.title, "labels": shown, "cdobs": __version__}
     marker, pages = ".report.sha256", ("report.md", "report.html")
 
     def content() -> bytes:

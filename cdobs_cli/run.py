@@ -17,11 +17,15 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
+ESTIMATE = "hat."  # before the name of a state, in the signal of an input: its estimate
+
+
 @dataclass(frozen=True)
 class SimulationPlan:
     """The `simulation` block: one run from `initial_state`, or `runs` of them from `initial_box`.
 
-    signals: expressions of `t` by name (inputs; `d.0`.. disturbances; `v.0`.. noise at samples).
+    signals: expressions of `t` by name (inputs; `d.0`.. disturbances; `v.0`.. noise at samples); those of inputs may
+    also read the estimate `hat.<state>` and the last measurement `y.0`, .. (feedback).
     sampling_times: expression of `t` giving T_k at t_k = t; None: the design's law.
     """
 
@@ -33,6 +37,11 @@ class SimulationPlan:
     seed: int = 0
     signals: Mapping[str, Expression] = field(default_factory=dict)
     sampling_times: Expression | None = None
+
+    @property
+    def inputs(self) -> dict[str, Expression]:
+        """The signals of the inputs."""
+        return {name: signal for name, signal in self.signals.items() if "." not in name}
 
     def initial_errors(self, n: int) -> Box:
         """A box that holds x_hat(0) - x(0) of every run, n components."""
@@ -67,8 +76,20 @@ class Trajectory:
 
 
 @dataclass(frozen=True)
+class Departure(Noun):
+    """Leaving the domain: `what` (a state, the estimate of one, a condition) is first seen outside at `time`, at
+    `value`; `allowed` is where it should be, and `beyond` how far outside it comes in all."""
+
+    what: str
+    time: float
+    value: float
+    allowed: str
+    beyond: float
+
+
+@dataclass(frozen=True)
 class RunSummary(Noun):
-    """The figures of one run, as in `simulation.json`."""
+    """The figures of one run, as in `simulation.json`; of all runs, the earliest departure."""
 
     measurements: int
     period_min: float | None
@@ -78,6 +99,7 @@ class RunSummary(Noun):
     inclusion_margin: float | None
     diverged: bool
     left_domain: bool
+    departure: Departure | None = None
     stopped: str | None = None
 
 

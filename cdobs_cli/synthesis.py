@@ -36,7 +36,9 @@ def plant_of(spec: Spec, design: Design) -> Plant:
 def system_of(spec: Spec, design: Design) -> HybridSystem:
     """Plant and observer as they run."""
     plant = plant_of(spec, design)
-    return HybridSystem(plant, spec.observer.observer_as_run(plant, design), design.estimate.way == "open")
+    original = None if spec.coordinates is None else spec.coordinates.original
+    observer = spec.observer.observer_as_run(plant, design)
+    return HybridSystem(plant, observer, design.estimate.way == "open", original)
 
 
 def new_design(spec: Spec, effort: int) -> Design:

@@ -28,7 +28,9 @@ from cdobs_cli.exact.expression import Expression, ExpressionError, Variable
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text
 from cdobs_cli.exact.rational import simplify
 from cdobs_cli.exact.solve import determinant, substituted
+from cdobs_cli.hybrid import OriginalStates
 from cdobs_cli.plant import Box, CoordinateMap, Domain, Interval, Plant, TypedDynamics
+from cdobs_cli.run import ESTIMATE
 
 if TYPE_CHECKING:
     from cdobs_cli.run import SimulationPlan
@@ -65,6 +67,11 @@ class Coordinates:
         """The typed domain and the input ranges."""
         return Region.of(self.typed)
 
+    @property
+    def original(self) -> OriginalStates:
+        """The user's states over those of the plant."""
+        return OriginalStates(self.typed.domain, dict(zip(self.states, self.inverse, strict=True)))
+
     def original_values(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
         """x along trajectories of z, shape (.., n); nan where the inverse has no value."""
         return _values(self.inverse, self.names, z)
@@ -98,7 +105,15 @@ class Coordinates:
             initial_state=moved(plan.initial_state, "initial_state"),
             initial_estimate=moved(plan.initial_estimate, "initial_estimate"),
             initial_box=None if plan.initial_box is None else self.box(plan.initial_box),
+            signals={name: signal.substitute(self._estimates) for name, signal in plan.signals.items()},
         )
+
+    @property
+    def _estimates(self) -> dict[str, Expression]:
+        """The estimates of the user's states, made of those of the coordinates."""
+        hat = {name: Variable(f"{ESTIMATE}{name}") for name in self.names}
+        rows = substituted(self.inverse, hat)
+        return {f"{ESTIMATE}{name}": row for name, row in zip(self.states, rows, strict=True)}
 
     def premises(self, claims: Sequence[Claim]) -> tuple[Claim, ...]:
         """The claims on the transformed plant, with what is claimed of the typed one and of the change itself.

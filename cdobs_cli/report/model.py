@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING
 from cdobs_cli.certificate import Bound, Check, Claim, Status
 from cdobs_cli.chart import Chart, Exhibits
 from cdobs_cli.design import Design
+from cdobs_cli.labels import Labels
 from cdobs_cli.plant import Domain, Plant, TypedDynamics
 
 if TYPE_CHECKING:
     from cdobs_cli.coordinates import Coordinates
+    from cdobs_cli.exact.expression import Expression
     from cdobs_cli.families.base import Family
     from cdobs_cli.hybrid import Observer
     from cdobs_cli.report.ladder import Ladder
@@ -52,8 +54,9 @@ def bound_title(name: str) -> str:
 class Report:
     """Everything that a report says, assembled and not yet written.
 
-    expectations: (what was expected, whether it holds, what was found). What is costly (exhibits, charts,
-    equations, versions) is made when first asked for: a terminal's summary needs none of it.
+    expectations: (what was expected, whether it holds, what was found). signals: of the inputs in the simulation. What
+    is costly (exhibits, charts, equations, versions) is made when first asked for: a terminal's summary needs none of
+    it.
     """
 
     name: str
@@ -68,13 +71,16 @@ class Report:
     coordinates: Coordinates | None = None
     expectations: tuple[tuple[str, bool, str], ...] = ()
     digests: Mapping[str, str] = field(default_factory=dict)
+    signals: Mapping[str, Expression] = field(default_factory=dict)
+    labels: Labels = field(default_factory=Labels)
 
     @cached_property
     def exhibits(self) -> Exhibits:
         """What the family adds."""
         if self.design.outcome == "none":
             return Exhibits()
-        return self.family.exhibits(self.plant, self.design, self.check, self.run)
+        exhibits = self.family.exhibits(self.plant, self.design, self.check, self.run)
+        return self.labels.exhibits(exhibits, self._axes)
 
     @cached_property
     def observer(self) -> Observer | None:
@@ -90,7 +96,7 @@ class Report:
         ladder = period_ladder(self.check.bounds) if self.check else None
         common: list[Chart | Ladder] = [ladder] if ladder else []
         if self.check is not None:
-            common += witness_charts(self.check)
+            common += [self.labels.chart(one) for one in witness_charts(self.check)]
         common += self.run_charts
         own = {chart.name for chart in self.exhibits.charts}
         return (*(chart for chart in common if chart.name not in own), *self.exhibits.charts)
@@ -104,7 +110,16 @@ class Report:
             return ()
         checked = self.check if self.design.outcome != "none" else None
         envelope = None if checked is None else self.family.envelope(self.plant, self.design, checked)
-        return run_charts(self.plant, self.run, envelope, self.coordinates)
+        charts = run_charts(self.plant, self.run, envelope, self.coordinates)
+        return tuple(self.labels.chart(one, self._axes) for one in charts)
+
+    @property
+    def _axes(self) -> dict[str, str]:
+        """The states that axes are of, by what stands there."""
+        from cdobs_cli.report.trajectories import axis_name
+
+        names = self.labels.states
+        return {axis_name(name): name for name in names} | {f"width of {name}": name for name in names}
 
     @cached_property
     def versions(self) -> dict[str, str]:

@@ -10,6 +10,8 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Context, Decima
 
 from cdobs_cli.certificate import Bound
 from cdobs_cli.exact.numbers import plain_decimal
+from cdobs_cli.labels import Labels
+from cdobs_cli.run import Departure
 
 NOTHING = "–"
 
@@ -72,6 +74,14 @@ def about_text(bound: Bound) -> str:
     """What a bound is about, in words."""
     words = {"class": "all plants with these slopes", "plant": "the plant as typed"}
     return words.get(bound.about or "", bound.about or NOTHING)
+
+
+def departure_sentence(departure: Departure, labels: Labels) -> str:
+    """`theta leaves the domain at t = 0.31 s: 0.512, allowed -0.5 to 0.5; at most 1.2 beyond it`."""
+    time, value, beyond = (number_text(one, 6) for one in (departure.time, departure.value, departure.beyond))
+    unit = labels.states.get(departure.what.removeprefix("the estimate of "), "")
+    where = f"{value}, allowed {departure.allowed}; at most {beyond} beyond it{unit and f' ({unit})'}"
+    return f"{departure.what} leaves the domain at t = {time} {labels.time}: {where}"
 
 
 def float_or_none(text: str | None) -> float | None:

@@ -8,6 +8,7 @@ from typing import Any
 
 from cdobs_cli.certificate import Bound, Claim, Witness
 from cdobs_cli.chart import Table
+from cdobs_cli.labels import Labels
 from cdobs_cli.report import systems
 from cdobs_cli.report.blocks import (
     Block,
@@ -24,7 +25,15 @@ from cdobs_cli.report.blocks import (
 )
 from cdobs_cli.report.ladder import Ladder
 from cdobs_cli.report.model import Report, bound_title, domain_text
-from cdobs_cli.report.numbers import NOTHING, about_text, end_text, ends_text, margin_text, number_text
+from cdobs_cli.report.numbers import (
+    NOTHING,
+    about_text,
+    departure_sentence,
+    end_text,
+    ends_text,
+    margin_text,
+    number_text,
+)
 from cdobs_cli.report.references import cited
 from cdobs_cli.report.witnesses import witness_name
 from cdobs_cli.run import RunSummary
@@ -55,6 +64,9 @@ def _plant(report: Report) -> Section:
             pairs = enumerate(zip(box.lower, box.upper, strict=True), start=1)
             ends = ", ".join(f"{letter}{i} in [{low}, {up}]" for i, (low, up) in pairs)
             blocks.append(Paragraph(f"{what}: {ends}."))
+    if report.labels.states:
+        told = ", ".join(f"{name} in {unit}" for name, unit in report.labels.states.items())
+        blocks.append(Paragraph(f"Units: {told}, time in {report.labels.time}."))
     if report.domain:
         blocks.append(Paragraph(f"Domain: {domain_text(report.domain)}."))
     return Section("Plant", (*blocks, *_slopes(report)))
@@ -111,9 +123,9 @@ def _output_slopes(report: Report) -> list[tuple[Cell, ...]]:
 
 def _measurement(report: Report) -> Section:
     designed, typed = report.design.sampling, report.plant.sampling
-    text = f"Samples are taken {designed.text('s')}."
+    text = f"Samples are taken {designed.text(report.labels.time)}."
     if designed != typed and not typed.is_updated:
-        text += f" This is the law designed for; the spec asks for samples {typed.text('s')} at least."
+        text += f" This is the law designed for; the spec asks for samples {typed.text(report.labels.time)} at least."
     return Section("Measurement", (Mathematics(systems.output_equations(report.plant)), Paragraph(text)))
 
 
@@ -209,7 +221,7 @@ def _witnesses(report: Report) -> Section:
             if first != claim.id:
                 blocks.append(Paragraph(f"{claim.id}: the same counterexample as {first}."))
                 continue
-            blocks += [Paragraph(f"{claim.id}: {witness_text(claim.witness)}"), *_arcs(claim.witness)]
+            blocks += [Paragraph(f"{claim.id}: {witness_text(claim.witness)}"), *_arcs(claim.witness, report.labels)]
             if claim.witness.data:
                 blocks.append(_data(claim.witness))
             blocks += [Picture(chart) for chart in report.charts if chart.name == witness_name(claim)]
@@ -256,7 +268,7 @@ def _flat(name: str, value: Any) -> Iterator[tuple[str, str]]:
         yield name, number_text(value, 17)
 
 
-def _arcs(witness: Witness) -> tuple[Block, ...]:
+def _arcs(witness: Witness, labels: Labels) -> tuple[Block, ...]:
     if not witness.values:
         return ()
     width = max(len(row) for row in witness.values)
@@ -267,26 +279,44 @@ def _arcs(witness: Witness) -> tuple[Block, ...]:
     for index, values in enumerate(witness.values[:MAX_RUN_ROWS]):
         time: tuple[Cell, ...] = (witness.times[index] if index < len(witness.times) else NOTHING,) if timed else ()
         rows.append((str(index + 1), *time, *values, *[NOTHING] * (width - len(values))))
-    return (Grid(("arc", *(("time (s)",) if timed else ()), *names), tuple(rows)),)
+    return (Grid(("arc", *((labels.axis("time (s)"),) if timed else ()), *names), tuple(rows)),)
 
 
 def _simulation(report: Report) -> Section:
     if report.run is None:
         return Section("Simulation", ())
     overall, runs = report.run.overall, report.run.summaries
-    rows = [_run_row(str(index + 1), summary) for index, summary in enumerate(runs[:MAX_RUN_ROWS])]
+    rows = [_run_row(str(index + 1), summary, report.labels) for index, summary in enumerate(runs[:MAX_RUN_ROWS])]
     if len(runs) > 1:
-        rows.append(_run_row("all", overall))
-    periods = ("shortest period (s)", "longest period (s)")
+        rows.append(_run_row("all", overall, report.labels))
+    periods = (report.labels.axis(f"{which} period (s)") for which in ("shortest", "longest"))
     columns = ("run", "samples", *periods, "final error", "RMSE", "inclusion margin", "outcome")
     caption = f"The first {MAX_RUN_ROWS} of {len(runs)} runs." if len(runs) > MAX_RUN_ROWS else ""
-    blocks: list[Block] = [Grid(columns, tuple(rows), "", caption)]
+    blocks: list[Block] = [*_signals(report), Grid(columns, tuple(rows), "", caption)]
+    if overall.departure is not None:
+        blocks.append(Paragraph(f"{departure_sentence(overall.departure, report.labels)}."))
     blocks += [Picture(chart) for chart in report.charts if chart.name in _SIMULATION_CHARTS]
     return Section("Simulation", tuple(blocks))
 
 
-def _run_row(name: str, summary: RunSummary) -> tuple[Cell, ...]:
-    rmse = ", ".join(f"{state} {number_text(value, 4)}" for state, value in summary.rmse.items()) or NOTHING
+def _signals(report: Report) -> tuple[Block, ...]:
+    """What the inputs are."""
+    if not report.signals:
+        return ()
+    fed = any(signal.variables - {"t"} for signal in report.signals.values())
+    words = "The inputs, y being the last measurement:" if fed else "The inputs:"
+    return Paragraph(words), Mathematics(systems.signal_equations(report.signals, report.plant.p))
+
+
+def _with_unit(text: str, state: str, labels: Labels) -> str:
+    return f"{text} {labels.states[state]}" if state in labels.states else text
+
+
+def _run_row(name: str, summary: RunSummary, labels: Labels) -> tuple[Cell, ...]:
+    rmse = ", ".join(
+        _with_unit(f"{state} {number_text(value, 4)}", state, labels) for state, value in summary.rmse.items()
+    )
+    rmse = rmse or NOTHING
     ended = "diverged" if summary.diverged else "left the domain" if summary.left_domain else "completed"
     numbers = (summary.period_min, summary.period_max, summary.error_final)
     margin = number_text(summary.inclusion_margin, 4)

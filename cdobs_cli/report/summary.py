@@ -26,7 +26,7 @@ def summary_lines(report: Report) -> list[str]:
     """A few plain lines: verdict, law, bracket, what failed. Status words stand first, so that a terminal can
     colour them."""
     lines = [f"{report.name}: {report.verdict}", f"  {' '.join(report.sentence.split())}"]
-    lines.append(f"  sampling: {report.design.sampling.text('s')}")
+    lines.append(f"  sampling: {report.design.sampling.text(report.labels.time)}")
     for name, bound in report.check.bounds.items() if report.check else ():
         if "." not in name and (bound.proved is not None or bound.refuted is not None):
             method = f" (by {bound.method})" if bound.method else ""

@@ -91,6 +91,12 @@ def held_equations(observer: Observer) -> tuple[Equation, ...]:
     return _equations(map(name_formula, observer.control), observer.control.values())
 
 
+def signal_equations(signals: Mapping[str, Expression], outputs: int) -> tuple[Equation, ...]:
+    """The inputs of a simulation, over time, estimates and the last measurement."""
+    alone = {"y.0": Variable("y")} if outputs == 1 else {}
+    return _equations(map(name_formula, signals), (signal.substitute(alone) for signal in signals.values()))
+
+
 def _equations(left: Iterable[Formula], right: Iterable[Expression]) -> tuple[Equation, ...]:
     return tuple(Equation(name, formula(one)) for name, one in islice(zip(left, right, strict=False), MAX_EQUATIONS))
 

@@ -9,9 +9,10 @@ import numpy as np
 from cdobs_cli.arrays import Array
 from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.run import Run, RunSummary, Trajectory
+from cdobs_cli.simulate.departure import Departures, Limits
 from cdobs_cli.simulate.loop import View
 from cdobs_cli.simulate.summary import overall, summary
-from cdobs_cli.simulate.watch import DIVERGED, distance, outside_domain
+from cdobs_cli.simulate.watch import DIVERGED, distance
 
 _ROUNDING = 1e-9
 
@@ -36,21 +37,32 @@ def _is_of(one: Trajectory, system: HybridSystem) -> bool:
 def _agrees(one: Trajectory, system: HybridSystem, told: RunSummary) -> bool:
     with np.errstate(all="ignore"):
         nothing: Array = np.empty((0, len(one.t)))
-        seen = View(one.x.T, {name: rows.T for name, rows in one.estimates.items()}, {}, {}, nothing, nothing)
-        flags = {"diverged": told.diverged, "left_domain": told.left_domain}
-        shown = summary(system.plant.states, one, seen, told.inclusion_margin, **flags)
+        seen = View(one.x.T, {name: rows.T for name, rows in one.estimates.items()}, {}, {}, nothing)
+        flagged, departure = told.diverged, told.departure
+        shown = summary(system.plant.states, one, seen, told.inclusion_margin, diverged=flagged, departure=departure)
         if not (shown.document().keys() == told.document().keys() and _are_close(shown, told)):
             return False
         error = distance(seen)
         diverges = error is not None and bool(np.any(error > DIVERGED * (1.0 + error[0]) * (1.0 + _ROUNDING)))
-        leaves = bool(outside_domain(system, seen).any())
-        if (diverges and not told.diverged) or (leaves and not told.left_domain):
+        if (diverges and not told.diverged) or not _tells_of_leaving(system, one.t, seen, told):
             return False
         if told.diverged and one.stopped is None:
             return False
         if not seen.encloses:
             return told.inclusion_margin is None
         return told.inclusion_margin is not None and told.inclusion_margin <= max(float(seen.margin.min()), 0.0)
+
+
+def _tells_of_leaving(system: HybridSystem, t: Array, seen: View, told: RunSummary) -> bool:
+    """Whether the run is told to leave the domain no later than the grid shows, and by a limit that there is."""
+    limits, departure = Limits(system), told.departure
+    departures = Departures(limits, 1)
+    departures.look(np.zeros(len(t), dtype=np.int64), t, seen.x, seen.estimates.get("x_hat"))
+    shown = departures.of(0)
+    if departure is None or not told.left_domain:
+        return shown is None and departure is None and not told.left_domain
+    is_known = any((one.what, one.text) == (departure.what, departure.allowed) for one in limits.limits)
+    return is_known and departure.beyond > 0 and (shown is None or departure.time <= shown.time)
 
 
 def _are_close(shown: RunSummary, told: RunSummary) -> bool:

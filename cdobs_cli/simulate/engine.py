@@ -100,7 +100,7 @@ class _Simulation:
         held = np.zeros((len(self.loop.held), self.runs))
         measured = self.loop.measure(zeros, np.concatenate([x, no_observer]), held, self.noise.at(runs, 0, zeros))
         y = self.loop.start(measured, self.box, self._initial_estimate(), x)
-        self.progress = Progress.start(zeros.copy(), y, self.loop.hold(zeros, y, held))
+        self.progress = Progress.start(zeros.copy(), y, self.loop.hold(zeros, y, held, measured))
         self.watch.begin(zeros, y, self.progress.held)
         self._halt(runs[~np.isfinite(y).all(axis=0)], "the observer's start is undefined")
         self._jump(runs, 0, measured, jumps=self.loop.observer.jump_at_start)
@@ -116,7 +116,7 @@ class _Simulation:
         t, y, held = self.progress.at(runs)
         elapsed = t - held[-1]
         after = self.loop.jump(t, y, held, measured) if jumps else y
-        held_after = self.loop.hold(t, after, held)
+        held_after = self.loop.hold(t, after, held, measured)
         self.record.measured.append((runs, t, measured))
         self.record.sides.add(index, runs, t, np.concatenate([y, held]), np.concatenate([after, held_after]))
         self.progress.y[:, runs], self.progress.held[:, runs] = after, held_after

@@ -1,7 +1,8 @@
 """The closed loop compiled: every expression of a hybrid system as a function of numbers.
 
 Every function takes (t, y, held): the time, all states (the plant's, then the observer's), and what is held
-between samples: the controlled inputs and `t.k`, the time of the last sample.
+between samples: the controlled inputs, the last measurement `last.y.0`, .. where an input is a function of it, and
+`t.k`, the time of the last sample.
 """
 
 from __future__ import annotations
@@ -14,24 +15,25 @@ import numpy as np
 
 from cdobs_cli.arrays import Array
 from cdobs_cli.exact.compiled import compile_floats
-from cdobs_cli.exact.expression import Expression, Variable
+from cdobs_cli.exact.expression import Expression, Number, Variable
 from cdobs_cli.hybrid import HybridSystem
+from cdobs_cli.run import ESTIMATE
 from cdobs_cli.simulate.signals import Signals
 
 LAST_SAMPLE = "t.k"
+LAST_MEASURED = "last.y."
 
 
 @dataclass(frozen=True)
 class View:
     """What can be seen of the loop at points (P,): x (n, P); estimates by name (n, P); internals, inputs
-    and other signals by name (P,); stops (s, P); where (w, P)."""
+    and other signals by name (P,); stops (s, P)."""
 
     x: Array
     estimates: Mapping[str, Array]
     internals: Mapping[str, Array]
     signals: Mapping[str, Array]
     stops: Array
-    where: Array
 
     @property
     def error(self) -> Array | None:
@@ -60,28 +62,35 @@ class ClosedLoop:
         self.system, self.signals = system, signals
         self.plant, self.observer = system.plant, system.observer
         self.controls = tuple(self.observer.control)
-        self.held = (*self.controls, LAST_SAMPLE)
+        # A measurement is held where an input reads it.
+        kept = range(self.plant.p if signals.reads_measurements else 0)
+        self.last_measured = tuple(f"{LAST_MEASURED}{k}" for k in kept)
+        self.held = (*self.controls, *self.last_measured, LAST_SAMPLE)
         self.names = ("t", *system.states, *self.held)
         self.size = len(system.states)
-        self._signal_values = {**signals.continuous, "elapsed": Variable("t") - Variable(LAST_SAMPLE)}
+        elapsed = {"elapsed": Variable("t") - Variable(LAST_SAMPLE)}
+        known = {name: row.substitute(elapsed) for name, row in self._estimate().items()}
+        known |= {f"y.{k}": Variable(name) for k, name in enumerate(self.last_measured)}
+        inputs = {name: signal.substitute(known) for name, signal in signals.continuous.items()}
+        self._signal_values = {**inputs, **elapsed}
         self.flow = tuple(self._closed(row) for row in system.flow)
         self._measure = self._arrays(system.measurement, signals.noise)
         self._jump = self._arrays(system.jump, (f"y.{k}" for k in range(self.plant.p)))
         self._control = self._arrays(tuple(self.observer.control.values()))
         seen = [*(row for rows in self.observer.estimates.values() for row in rows), *self.observer.internals.values()]
-        seen += [*(Variable(name) for name in self.controls), *signals.continuous.values()]
-        self.where = self._conditions()
-        seen += [*(expression for expression, _ in self.observer.stops), *self.where]
+        seen += [*(Variable(name) for name in self.controls), *inputs.values()]
+        seen += [expression for expression, _ in self.observer.stops]
         self._see = self._arrays(seen)
         self._trigger = None if self.observer.trigger is None else self._arrays((self.observer.trigger,))
 
-    def _conditions(self) -> tuple[Expression, ...]:
-        """The domain's `where` conditions at x, and at x_hat where it is reported."""
-        where, x_hat = self.plant.domain.where, self.observer.estimates.get("x_hat")
-        if x_hat is None or not self.system.estimate_must_stay:
-            return where
-        estimated = dict(zip(self.plant.states, x_hat, strict=True))
-        return where + tuple(condition.substitute(estimated) for condition in where)
+    def _estimate(self) -> dict[str, Expression]:
+        """What `hat.<state>` stands for in a signal: the estimate reported, or the middle of its bounds."""
+        reported = self.observer.estimates
+        rows = reported.get("x_hat")
+        if rows is None and "x_lower" in reported and "x_upper" in reported:
+            ends = zip(reported["x_lower"], reported["x_upper"], strict=True)
+            rows = tuple((low + high) / Number(2) for low, high in ends)
+        return {f"{ESTIMATE}{name}": row for name, row in zip(self.plant.states, rows or (), strict=False)}
 
     def _closed(self, expression: Expression) -> Expression:
         return expression.substitute(self._signal_values)
@@ -119,10 +128,12 @@ class ClosedLoop:
     def jump(self, t: Array, y: Array, held: Array, measured: Array) -> Array:
         return stacked(self._jump(t, *y, *held, *measured), len(t))
 
-    def hold(self, t: Array, y: Array, held: Array) -> Array:
-        """What is held from a sample at t on: the controlled inputs, evaluated after the jump, and t itself."""
-        since = np.concatenate([held[:-1], t[None]])
-        return np.concatenate([stacked(self._control(t, *y, *since), len(t)), t[None]])
+    def hold(self, t: Array, y: Array, held: Array, measured: Array) -> Array:
+        """What is held from a sample at t on: the controlled inputs, evaluated after the jump, what was measured where
+        an input reads it, and t itself."""
+        kept = np.concatenate([measured[: len(self.last_measured)], t[None]])
+        since = np.concatenate([held[: len(self.controls)], kept])
+        return np.concatenate([stacked(self._control(t, *y, *since), len(t)), kept])
 
     def trigger(self, t: Array, y: Array, held: Array) -> Array:
         """The trigger's value, shape (P,)."""
@@ -141,8 +152,7 @@ class ClosedLoop:
         estimates = {name: take(len(rows)) for name, rows in self.observer.estimates.items()}
         internals = {name: take(1)[0] for name in self.observer.internals}
         signals = {name: take(1)[0] for name in (*self.controls, *self.signals.continuous)}
-        stops, where = take(len(self.observer.stops)), take(len(self.where))
-        return View(y[: self.plant.n], estimates, internals, signals, stops, where)
+        return View(y[: self.plant.n], estimates, internals, signals, take(len(self.observer.stops)))
 
 
 def stacked(values: tuple[Any, ...], points: int) -> Array:

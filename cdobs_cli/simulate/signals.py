@@ -14,12 +14,12 @@ import numpy as np
 from cdobs_cli.arrays import Array, Booleans, Integers
 from cdobs_cli.errors import Problem, SpecError
 from cdobs_cli.exact.compiled import compile_floats
-from cdobs_cli.exact.expression import ZERO, Call, Expression, Power, Variable, power
+from cdobs_cli.exact.draws import is_random, with_draws
+from cdobs_cli.exact.expression import ZERO, Expression
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.plant import Plant
+from cdobs_cli.run import ESTIMATE
 
-# Random functions of the language and the standard variable each one is made from.
-RANDOM = ("uniform", "normal")
 _PURPOSES = {"initial": 0, "periods": 1, "noise": 2}
 
 
@@ -40,14 +40,15 @@ class Range:
 
 @dataclass(frozen=True)
 class Signals:
-    """Every signal of a simulation, closed: expressions of `t` (and `draw.0`, .. in noise).
+    """Every signal of a simulation, closed: expressions of `t` (and `draw.0`, .. in noise), inputs also of the estimate
+    `hat.<state>` and of the last measurement `y.0`, ...
 
     Attributes:
         continuous: inputs that no controller sets, and `d.i`.
         noise: `v.0`, `v.1`, ..; empty where the plant declares none.
         draws: the standard random variables that noise uses, in order of `draw.k`.
         ranges: declared intervals of continuous signals and of noise.
-        held_ranges: declared intervals of inputs that a controller sets.
+        held_ranges: declared intervals of inputs that a controller or feedback sets: a run that leaves them ends.
     """
 
     continuous: Mapping[str, Expression]
@@ -81,23 +82,31 @@ class Signals:
         problems += [
             Problem(_field(name), random, str(signal), "an expression of t")
             for name, signal in continuous.items()
-            if any(isinstance(node, Call) and node.function in RANDOM for node in signal.walk())
+            if is_random(signal)
         ]
         draws: list[str] = []
-        noise = {name: _with_draws(typed.get(name, ZERO), draws) for name in noisy}
+        noise = {name: with_draws(typed.get(name, ZERO), draws) for name in noisy}
+        fed = fed_back(continuous, names[: len(names) if plant.disturbance is None else -plant.n])
+        known = {"t", *(f"{ESTIMATE}{name}" for name in plant.states), *(f"y.{k}" for k in range(plant.p))}
         problems += [
             Problem(_field(name), "a signal is an expression of t", str(signal), "t")
             for name, signal in {**continuous, **noise}.items()
-            if {variable for variable in signal.variables if not variable.startswith("draw.")} - {"t"}
+            if {variable for variable in signal.variables if not variable.startswith("draw.")}
+            - (known if name in fed else {"t"})
         ]
         if problems:
             raise SpecError(tuple(problems))
         ranges = [_range(one.name, one.range.lower, one.range.upper) for one in plant.inputs if one.range is not None]
-        held = tuple(one for one in ranges if one.name in controlled)
+        held = tuple(one for one in ranges if one.name in controlled | fed)
         for letter, box in (("d", plant.disturbance), ("v", plant.noise)):
             ends = zip(box.lower, box.upper, strict=True) if box is not None else ()
             ranges += [_range(f"{letter}.{i}", *pair) for i, pair in enumerate(ends)]
         return Signals(continuous, noise, tuple(draws), tuple(one for one in ranges if one not in held), held)
+
+    @property
+    def reads_measurements(self) -> bool:
+        """Whether an input is a function of the last measurement."""
+        return any(name.startswith("y.") for signal in self.continuous.values() for name in signal.variables)
 
     def refuse_outside(self, names: Iterable[str], t: Array, values: Mapping[str, Array]) -> None:
         """Raises: SpecError at the first time a signal is outside its declared interval.
@@ -115,6 +124,11 @@ class Signals:
                 got = f"{float(value[first]):.9g} at t = {float(t[first]):.9g}"
                 allowed = f"[{interval.lower:.9g}, {interval.upper:.9g}]"
                 raise SpecError.at(_field(interval.name), "the signal leaves its declared interval", got, allowed)
+
+
+def fed_back(signals: Mapping[str, Expression], inputs: Iterable[str]) -> set[str]:
+    """The inputs whose signal reads the estimate or the last measurement."""
+    return {name for name in inputs if signals[name].variables - {"t"}}
 
 
 class Draws:
@@ -156,23 +170,6 @@ class Noise:
         values = [np.broadcast_to(value, t.shape) for value in self._values(t, *drawn)]
         self.signals.refuse_outside(self.signals.noise, t, dict(zip(self.signals.noise, values, strict=True)))
         return np.array(values).reshape(len(values), len(t))
-
-
-def _with_draws(node: Expression, draws: list[str]) -> Expression:
-    """uniform(lo, hi) -> lo + (hi - lo) draw, normal(sigma) -> sigma draw; every occurrence is a draw of its own."""
-    if not any(isinstance(part, Call) and part.function in RANDOM for part in node.walk()):
-        return node
-    if isinstance(node, Call) and node.function in RANDOM:
-        draw = Variable(f"draw.{len(draws)}")
-        draws.append(node.function)
-        arguments = [_with_draws(child, draws) for child in node.children]
-        if node.function == "normal":
-            return arguments[0] * draw
-        return arguments[0] + (arguments[1] - arguments[0]) * draw
-    if isinstance(node, Call):
-        return Call(node.function, tuple(_with_draws(child, draws) for child in node.children))
-    assert isinstance(node, Power)
-    return power(_with_draws(node.base, draws), node.exponent)
 
 
 def _range(name: str, lower: Exact | None, upper: Exact | None) -> Range:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from cdobs_cli.arrays import Array
-from cdobs_cli.run import Run, RunSummary, Trajectory
+from cdobs_cli.run import Departure, Run, RunSummary, Trajectory
 from cdobs_cli.simulate.loop import ClosedLoop, View
 from cdobs_cli.simulate.record import Record
-from cdobs_cli.simulate.watch import Watch, outside_domain
+from cdobs_cli.simulate.watch import Watch
 
 LARGEST = float(np.finfo(float).max)  # stands for infinity, which JSON does not have
 ENCLOSURE_ROUNDING = 1e-9  # of the largest value met: a state outside its bounds by less is on them
@@ -29,11 +30,9 @@ def summarise(loop: ClosedLoop, watch: Watch, record: Record, final_t: Array, fi
         path = Trajectory(t, seen.x.T, estimates, dict(seen.internals), t_k, y_k, inputs, watch.stopped[run])
         trajectories.append(path)
         margin = _margin(min(watch.margin[run], seen.margin.min()), seen) if seen.encloses else None
-        left, diverged = (
-            bool(watch.left_domain[run] or outside_domain(loop.system, seen).any()),
-            bool(watch.diverged[run]),
-        )
-        summaries.append(summary(loop.plant.states, path, seen, margin, diverged=diverged, left_domain=left))
+        watch.departures.look(np.full(len(t), run), t, seen.x, seen.estimates.get("x_hat"))
+        diverged, departure = bool(watch.diverged[run]), watch.departures.of(run)
+        summaries.append(summary(loop.plant.states, path, seen, margin, diverged=diverged, departure=departure))
     return Run(tuple(trajectories), tuple(summaries), overall(summaries))
 
 
@@ -47,8 +46,9 @@ def _margin(smallest: float, seen: View) -> float:
 
 
 def summary(
-    states: Sequence[str], path: Trajectory, seen: View, margin: float | None, *, diverged: bool, left_domain: bool
-) -> RunSummary:
+    states: Sequence[str], path: Trajectory, seen: View, margin: float | None, *, diverged: bool,
+    departure: Departure | None,
+) -> RunSummary:  # fmt: skip
     """The figures of one run. Periods are between its measurements, the one at t_0 included; rmse is the
     root of the time average of the squared error (trapezoids over the output grid)."""
     # Instants are good to about 1e-12: digits beyond that are rounding of the differences.
@@ -60,7 +60,7 @@ def summary(
         rmse = {name: value for name, value in means.items() if value is not None}
     return RunSummary(
         len(path.t_k), min(periods, default=None), max(periods, default=None),
-        final, rmse, margin, diverged, left_domain, path.stopped,
+        final, rmse, margin, diverged, departure is not None, departure, path.stopped,
     )  # fmt: skip
 
 
@@ -96,12 +96,13 @@ def overall(summaries: Sequence[RunSummary]) -> RunSummary:
     stops = [f"run {index + 1}: {summary.stopped}" for index, summary in enumerate(summaries) if summary.stopped]
     stopped = None if not stops else stops[0] if len(stops) == 1 else f"{stops[0]}; and {len(stops) - 1} more"
 
-    def known(name: str) -> list[float]:
+    def known(name: str) -> list[Any]:
         return [value for one in summaries if (value := getattr(one, name)) is not None]
 
     return RunSummary(
         sum(one.measurements for one in summaries),
         min(known("period_min"), default=None), max(known("period_max"), default=None),
         max(known("error_final"), default=None), rmse, min(known("inclusion_margin"), default=None),
-        any(one.diverged for one in summaries), any(one.left_domain for one in summaries), stopped,
+        any(one.diverged for one in summaries), any(one.left_domain for one in summaries),
+        min(known("departure"), key=lambda departure: departure.time, default=None), stopped,
     )  # fmt: skip

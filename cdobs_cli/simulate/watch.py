@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cdobs_cli.arrays import Array, Booleans, Integers
-from cdobs_cli.hybrid import HybridSystem
+from cdobs_cli.simulate.departure import Departures, Limits
 from cdobs_cli.simulate.loop import ClosedLoop, View
 
 DIVERGED = 1e6  # times 1 + |e0|
@@ -14,13 +14,14 @@ DIVERGED = 1e6  # times 1 + |e0|
 class Watch:
     """Looks at every accepted step and both sides of every jump.
 
-    halted, diverged, left_domain, margin, stop_t: (R,); stopped: one sentence a run, or None; stop_y, stop_held:
-    the state where a run was stopped.
+    halted, diverged, margin, stop_t: (R,); stopped: one sentence a run, or None; stop_y, stop_held: the state where a
+    run was stopped; departures: who left the domain.
     """
 
     def __init__(self, loop: ClosedLoop, runs: int) -> None:
         self.loop = loop
-        self.halted, self.diverged, self.left_domain = (np.zeros(runs, dtype=bool) for _ in range(3))
+        self.halted, self.diverged = (np.zeros(runs, dtype=bool) for _ in range(2))
+        self.departures = Departures(Limits(loop.system), runs)
         self.margin, self.stop_t, self.limit = np.full(runs, np.inf), np.full(runs, np.inf), np.full(runs, np.inf)
         self.stopped: list[str | None] = [None] * runs
         self.stop_y, self.stop_held = np.zeros((loop.size, runs)), np.zeros((len(loop.held), runs))
@@ -55,8 +56,8 @@ class Watch:
                 if t[point] < self.stop_t[run]:
                     self.halt(run, float(t[point]), y[:, point], held[:, point], sentence, diverged=number == 0)
         going = finite & (t <= self.stop_t[runs])
-        if self.loop.plant.domain:
-            np.logical_or.at(self.left_domain, runs[going], outside_domain(self.loop.system, seen)[going])
+        x_hat = seen.estimates.get("x_hat")
+        self.departures.look(runs[going], t[going], seen.x[:, going], None if x_hat is None else x_hat[:, going])
         if seen.encloses:
             np.minimum.at(self.margin, runs[going], seen.margin[going])
         return self.halted
@@ -77,21 +78,3 @@ def distance(seen: View) -> Array | None:
     else:
         return None
     return np.sqrt((parts * parts).sum(axis=0))  # type: ignore[no-any-return]
-
-
-def outside_domain(system: HybridSystem, seen: View) -> Booleans:
-    """Where x, or x_hat where it must stay too, is outside the declared box or breaks a `where` condition."""
-    outside = (seen.where < -1e-9).any(axis=0) | np.zeros(seen.x.shape[1], dtype=bool)
-    plant = system.plant
-    for rows in (seen.x, seen.estimates.get("x_hat") if system.estimate_must_stay else None):
-        if rows is None:
-            continue
-        for name, row in zip(plant.states, rows, strict=True):
-            interval = plant.domain.box.get(name)
-            if interval is None:
-                continue
-            if interval.lower is not None:
-                outside |= row < float(interval.lower) - 1e-9 * abs(float(interval.lower))
-            if interval.upper is not None:
-                outside |= row > float(interval.upper) + 1e-9 * abs(float(interval.upper))
-    return outside

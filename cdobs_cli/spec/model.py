@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -19,13 +19,15 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import nearest
 from cdobs_cli.families import FAMILIES, Family
 from cdobs_cli.fields import read_exact
+from cdobs_cli.labels import SECONDS, Labels
 from cdobs_cli.plant import Plant, TypedDynamics, coordinate_names
 from cdobs_cli.run import SimulationPlan
 from cdobs_cli.spec.block import Block, Text, is_identifier, placed, read_block
 from cdobs_cli.spec.boxes import MAX_STATES
 from cdobs_cli.spec.expect import Expectation, ExpectBlock, expect_problems, expectation
+from cdobs_cli.spec.limits import limit_problems
 from cdobs_cli.spec.measurement_block import MeasurementBlock, measurement_problems, sampling_law
-from cdobs_cli.spec.plant_block import MAX_PARAMETERS, PlantBlock, plant_problems, typed_plant
+from cdobs_cli.spec.plant_block import MAX_PARAMETERS, LabelsBlock, PlantBlock, plant_problems, typed_plant
 from cdobs_cli.spec.plant_file import read_plant_file
 from cdobs_cli.spec.reader import MAX_PROBLEMS, Document, FieldPath, read, shown
 from cdobs_cli.spec.simulation_block import SimulationBlock, plan, simulation_problems
@@ -53,7 +55,9 @@ class Header(Block):
 class Spec:
     """A spec without mistakes.
 
-    coordinates: the way back to the states that the user typed, where `plant` and `simulation` are not in them.
+    coordinates: the way back to the states that the user typed, where `plant` and `simulation` are not in them;
+    signals: of the inputs, over the estimates of the states that the user typed. labels: of units; results do not
+    depend on them.
     """
 
     title: str
@@ -65,6 +69,8 @@ class Spec:
     document: Document
     typed: TypedDynamics | None = None
     coordinates: Coordinates | None = None
+    signals: Mapping[str, Expression] = field(default_factory=dict)
+    labels: Labels = field(default_factory=Labels)
 
     def location(self, path: FieldPath) -> tuple[str, int, int]:
         """File, line and column of a value, or of the nearest thing around it that was typed."""
@@ -176,12 +182,14 @@ class _Loader:
         plant, plant_wrong = self.section(PlantBlock, root.get("plant"), "plant", context)
         if plant is not None:
             self.problems += plant_problems(plant, plant_wrong, context["states"], context["inputs"])
+        labels = self.labels(root.get("plant"), plant)
         measurement, measurement_wrong = self.section(MeasurementBlock, root.get("measurement"), "measurement", context)
         if measurement is not None:
             self.problems += measurement_problems(measurement, measurement_wrong, plant, context["states"])
         # The observer's own expressions are over the states that the plant ends up in.
         family = self.family(root.get("observer"), {**context, "states": context["coordinates"]})
-        simulation, simulation_wrong = self.section(SimulationBlock, root.get("simulation"), "simulation", context)
+        seen = {**context, "outputs": _outputs(plant, measurement)}
+        simulation, simulation_wrong = self.section(SimulationBlock, root.get("simulation"), "simulation", seen)
         if simulation is not None:
             law = None if measurement is None or measurement.sampling is None else sampling_law(measurement)
             self.problems += simulation_problems(
@@ -197,7 +205,9 @@ class _Loader:
 
         noise = None if measurement.noise is None else measurement.noise.box()
         typed = typed_plant(plant, measurement.C, sampling_law(measurement), noise, tuple(context["coordinates"]))
-        final, run, coordinates = self.derive(typed, None if simulation is None else plan(simulation))
+        asked = None if simulation is None else plan(simulation)
+        self.problems += () if asked is None else limit_problems(typed, asked)
+        final, run, coordinates = self.derive(typed, asked)
         self.problems += family.problems(final, run) if family is not None else []
         if self.failed or family is None:
             raise self.fail()
@@ -207,7 +217,18 @@ class _Loader:
             title=header.title or self.path.stem, plant=final, observer=family, simulation=run, expect=entries,
             source_path=self.path, document=self.document,
             typed=typed if isinstance(typed, TypedDynamics) else None, coordinates=coordinates,
+            signals={} if asked is None else asked.inputs, labels=labels,
         )  # fmt: skip
+
+    def labels(self, typed: Any, plant: PlantBlock | None) -> Labels:
+        """Of the units of time and states."""
+        listed = typed.get("states") if isinstance(typed, dict) else None
+        states: dict[str, str] = {}
+        if isinstance(listed, dict):
+            block, _ = self.block(LabelsBlock, listed, ("plant", "states"), {})
+            states = {} if block is None else {name: one for name, one in block.__pydantic_extra__.items() if one}
+        time = None if plant is None else plant.time_unit
+        return Labels(time or SECONDS, states)
 
     def section(self, model: type[Any], value: Any, name: str, context: dict[str, Any]) -> tuple[Any, set[str]]:
         return (None, set()) if value is None else self.block(model, value, (name,), context)
@@ -250,7 +271,9 @@ class _Loader:
         it stands, not again at each use: None lets any name pass."""
         if not isinstance(plant, dict):
             return {"parameters": {}, "states": None, "inputs": None, "coordinates": None}
-        states, inputs = _names(plant.get("states"), list), _names(plant.get("inputs") or {}, dict)
+        listed = plant.get("states")
+        states = _names(list(listed) if isinstance(listed, dict) else listed, list)
+        inputs = _names(plant.get("inputs") or {}, dict)
         parameters: dict[str, Expression] = {}
         typed = plant.get("parameters")
         for name, value in list(typed.items())[: MAX_PARAMETERS + 1] if isinstance(typed, dict) else []:

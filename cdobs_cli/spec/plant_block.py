@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Discriminator, Tag, WithJsonSchema
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Discriminator, Tag, WithJsonSchema
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.numbers import ExactMatrix
-from cdobs_cli.fields import Rows, formula, sized
+from cdobs_cli.fields import Rows, formula, sized, wrong
 from cdobs_cli.plant import Box, CoordinateMap, Domain, Input, Plant, TypedDynamics
 from cdobs_cli.sampling import SamplingLaw
-from cdobs_cli.spec.block import Block, Name, unknown_key
+from cdobs_cli.spec.block import Block, Name, Text, unknown_key
 from cdobs_cli.spec.boxes import MAX_STATES, BoxBlock, IntervalField, box_problems, length_problem, shape_problem
 from cdobs_cli.spec.domain_block import DomainBlock
 from cdobs_cli.spec.slopes_block import SlopesField, slopes
@@ -51,6 +52,37 @@ CoordinatesField = Annotated[
 ]
 
 
+def _label(value: str) -> str:
+    if not _LABEL.fullmatch(value):
+        raise wrong(f"a label of a unit is up to {MAX_LABEL} letters, digits, spaces and any of / * ^ . - ( ) %")
+    return value
+
+
+def _listed(value: Any) -> Any:
+    return list(value) if isinstance(value, dict) else value
+
+
+MAX_LABEL = 16
+_LABEL = re.compile(rf"(?=\S)[\w °%/*^.·()⁰¹²³⁻-]{{1,{MAX_LABEL}}}(?<=\S)")
+Label = Annotated[Text, AfterValidator(_label)]
+_names: dict[str, Any] = {"type": "array", "items": {"type": "string"}, "minItems": 1, "maxItems": MAX_STATES}
+_labelled = {"type": "object", "additionalProperties": {"anyOf": [{"type": "string"}, {"type": "null"}]}}
+# A list of names, or names with labels of their units (`labels_of` reads these).
+StatesField = Annotated[
+    tuple[Name, ...],
+    sized(1, MAX_STATES),
+    BeforeValidator(_listed),
+    WithJsonSchema({"anyOf": [_names, _labelled], "description": "Names, or names with labels of their units."}),
+]
+
+
+class LabelsBlock(Block):
+    """name: label of its unit."""
+
+    model_config = ConfigDict(extra="allow", frozen=True, arbitrary_types_allowed=True, defer_build=True)
+    __pydantic_extra__: dict[str, Label | None]
+
+
 # Read one after the other by the loader: a value may use the parameters above it.
 Parameter = Annotated[Any, WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}]})]
 
@@ -62,7 +94,8 @@ class PlantBlock(Block):
     With `coordinates` they are linear in these."""
 
     required: ClassVar[tuple[str, ...]] = ("states",)
-    states: Annotated[tuple[Name, ...], sized(1, MAX_STATES)] | None = None
+    time_unit: Label | None = None
+    states: StatesField | None = None
     inputs: dict[Name, InputBlock | None] | None = None
     parameters: dict[Name, Parameter] | None = None
     A: Rows | None = None

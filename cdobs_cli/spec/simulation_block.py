@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict, Field, PlainValidator, ValidationInfo, WithJsonSchema
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.expression import Call, Expression, Number, Variable
 from cdobs_cli.exact.numbers import Exact
-from cdobs_cli.exact.parser import TYPED_FUNCTIONS
-from cdobs_cli.fields import PositiveNumber, Vector, formula, sized
-from cdobs_cli.run import SimulationPlan
+from cdobs_cli.exact.parser import CONSTANTS, TYPED_FUNCTIONS
+from cdobs_cli.fields import PositiveNumber, Vector, context, formula, read_expression, sized, wrong
+from cdobs_cli.run import ESTIMATE, SimulationPlan
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.spec.block import Block, unknown_key
 from cdobs_cli.spec.boxes import MAX_STATES, BoxBlock, box_problems, length_problem, ordered
@@ -23,14 +24,48 @@ MAX_SAMPLES = 1_000_000
 NOISE_FUNCTIONS = {**TYPED_FUNCTIONS, "uniform": (2,), "normal": (1,)}
 
 OfTime = Annotated[Expression, formula("t")]
+
+
+def _input_signal(value: Any, info: ValidationInfo) -> Expression:
+    """A function of t, of the estimate (`hat.<state>` for a state's name) and of the last measurement (`y.0`, .. for
+    y, or y1, y2, ..; a state, an input or a parameter of such a name comes first)."""
+    if isinstance(value, Expression):
+        return value
+    if isinstance(value, bool) or not isinstance(value, int | str):
+        raise wrong("an expression is expected")
+    text, parameters = str(value), context(info, "parameters") or {}
+    written = _NAME.findall(text)
+    states, inputs, outputs = (context(info, name) for name in ("states", "inputs", "outputs"))
+    for name in written:
+        if name in (inputs or ()) and name not in TYPED_FUNCTIONS:
+            raise wrong(f"{name} is an input, which has no estimate: a signal reads t, {_READ}")
+    meant = {f"y{k + 1}": Variable(f"y.{k}") for k in range(MAX_STATES if outputs is None else outputs)}
+    if len(meant) == 1 or outputs is None:
+        meant["y"] = Variable("y.0")
+    taken = {*parameters, *(inputs or ())}
+    meant = {name: one for name, one in meant.items() if name not in taken}
+    # Where the states are not known their names are told of there: any name passes.
+    known = set(written) - {*TYPED_FUNCTIONS, *CONSTANTS, "t", *taken, *meant} if states is None else states
+    meant |= {name: Variable(f"{ESTIMATE}{name}") for name in known}
+    return read_expression(text, {"t", *meant}, parameters).substitute(meant)
+
+
+_READ = "the estimate (by the names of the states) and the last measurement y (y1, y2, .. of several)"
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+InputSignal = Annotated[
+    Expression,
+    PlainValidator(_input_signal),
+    WithJsonSchema({"anyOf": [{"type": "string"}, {"type": "number"}], "description": f"An expression of t, {_READ}."}),
+]
 Noise = Annotated[Expression, formula("t", functions=NOISE_FUNCTIONS)]
 
 
 class SignalsBlock(Block):
-    """Inputs by name, `d` the disturbance, `v` the noise at samples: expressions of t."""
+    """Inputs by name, `d` the disturbance, `v` the noise at samples: expressions of t, inputs also of the estimate and
+    of the last measurement."""
 
     model_config = ConfigDict(extra="allow", frozen=True, arbitrary_types_allowed=True, defer_build=True)
-    __pydantic_extra__: dict[str, OfTime]
+    __pydantic_extra__: dict[str, InputSignal]
     d: Annotated[tuple[OfTime, ...], sized(1, MAX_STATES)] | None = None
     v: Annotated[tuple[Noise, ...], sized(1, MAX_STATES)] | None = None
 

@@ -175,7 +175,7 @@ MISTAKES = [
     ("seed: 7", "seed: 1.5", "25:9: simulation.seed: an integer is expected; got 1.5"),
     ('u: "0.3 + 0.1*sin(t)", ', "", "26:12: simulation.signals: the input u has no signal; add u: \"0\", or an expression of t"),
     ('u: "0.3 + 0.1*sin(t)"', 'u: "0", w: "1"', "26:21: simulation.signals.w: unknown key; allowed: u, d, v"),
-    ('u: "0.3 + 0.1*sin(t)"', 'u: "theta"', None),
+    ('u: "0.3 + 0.1*sin(t)"', 'u: "thetta"', None),
     ('u: "0.3 + 0.1*sin(t)"', 'u: "normal(1)"', None),
     ('d: [0, "1e-3*cos(t)"]', "d: [0]", "26:39: simulation.signals.d: one expression for each state is expected; got 1 entries; allowed: 2 entries"),
     ("  disturbance: {lower: [0, -1e-3], upper: [0, .5]}\n", "", "25:39: simulation.signals.d: needs plant.disturbance, which is not given"),
@@ -217,7 +217,7 @@ def test_every_mistake_has_its_place_and_its_sentence(mistakes, old, new, told):
             "gain: {L:",
             ["19:9: observer.gain.K: is required", "19:10: observer.gain.L: unknown key; allowed: K"],
         ),
-        ('u: "0.3 + 0.1*sin(t)"', 'u: "theta"', ["26:16: simulation.signals.u: unknown name 'theta'"]),
+        ('u: "0.3 + 0.1*sin(t)"', 'u: "thetta"', ["26:16: simulation.signals.u: unknown name 'thetta'"]),
         ('u: "0.3 + 0.1*sin(t)"', 'u: "normal(1)"', ["26:16: simulation.signals.u: unknown function 'normal'"]),
         (
             "bounds.period_max.proved",

@@ -1,0 +1,84 @@
+"""Labels of units: of time, and of the states. Numbers are never converted, and nothing that is computed reads them.
+
+Whatever is computed says "s"; what is shown says the user's own word for it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from cdobs_cli.certificate import Bound, Check
+from cdobs_cli.chart import Chart, Exhibits, Panel, Table
+from cdobs_cli.design import Design
+
+SECONDS = "s"
+_NUMBER = r"\d[\d.eE+/-]*(?<![.,])"
+# Where a sentence tells a period of the law, or a rate.
+_PERIOD = re.compile(
+    rf"\b((?:sampling every|sampling at periods in|T_k =|T_k in|T =) (?:{_NUMBER}|\[{_NUMBER}, {_NUMBER}\]))(?![\w\[])"
+)
+
+
+@dataclass(frozen=True)
+class Labels:
+    """time: of every time; 1/time of rates. states: by name, of those that have one."""
+
+    time: str = SECONDS
+    states: Mapping[str, str] = field(default_factory=dict)
+
+    def unit(self, unit: str, known: str = SECONDS) -> str:
+        """A unit in which `known` stands for the unit of time."""
+        return {known: self.time, f"1/{known}": f"1/{self.time}"}.get(unit, unit)
+
+    def axis(self, label: str) -> str:
+        """`time (s)`, `proved rate (1/s)`, `time since the sample (s)`."""
+        return label.replace("(s)", f"({self.time})").replace("(1/s)", f"(1/{self.time})")
+
+    def sentence(self, text: str) -> str:
+        """A sentence with the unit behind each period of a law, where the user gave one."""
+        return text if self.time == SECONDS else _PERIOD.sub(rf"\1 {_literal(self.time)}", text)
+
+    def bounds(self, check: Check) -> Check:
+        """The bounds in the unit of time, from whatever unit they were in."""
+        known = check.time_unit or SECONDS
+        bounds = {name: replace(one, unit=self.unit(one.unit, known)) for name, one in check.bounds.items()}
+        return replace(check, bounds=bounds, time_unit="" if self.time == SECONDS else self.time)
+
+    def check(self, check: Check) -> Check:
+        """As it is shown: bounds and sentences."""
+        claims = tuple(replace(one, statement=self.sentence(one.statement)) for one in check.claims)
+        return replace(self.bounds(check), claims=claims)
+
+    def design(self, design: Design) -> Design:
+        """As it is shown: its reason."""
+        return design if design.reason is None else replace(design, reason=self.sentence(design.reason))
+
+    def exhibits(self, exhibits: Exhibits, axes: Mapping[str, str]) -> Exhibits:
+        """What a family adds, as it is shown."""
+        charts = tuple(self.chart(one, axes) for one in exhibits.charts)
+        tables = tuple(self.table(one) for one in exhibits.tables)
+        return Exhibits(charts, tables, tuple(self.sentence(one) for one in exhibits.notes))
+
+    def chart(self, chart: Chart, axes: Mapping[str, str] | None = None) -> Chart:
+        """Its axes; `axes`: the state that an axis is of, by its label."""
+        return replace(chart, panels=tuple(self._panel(one, axes or {}) for one in chart.panels))
+
+    def _panel(self, panel: Panel, axes: Mapping[str, str]) -> Panel:
+        state = axes.get(panel.y_label, "")
+        unit = f" ({self.states[state]})" if state in self.states else ""
+        return replace(panel, x_label=self.axis(panel.x_label), y_label=self.axis(panel.y_label) + unit)
+
+    def table(self, table: Table) -> Table:
+        """Its columns, and bounds among its cells."""
+        rows = tuple(tuple(self._cell(cell) for cell in row) for row in table.rows)
+        return replace(table, columns=tuple(self.axis(one) for one in table.columns), rows=rows)
+
+    def _cell(self, cell: str | float | int | Bound | None) -> str | float | int | Bound | None:
+        return replace(cell, unit=self.unit(cell.unit)) if isinstance(cell, Bound) else cell
+
+
+def _literal(text: str) -> str:
+    """For the replacement of a pattern."""
+    return text.replace("\\", r"\\")
