@@ -171,6 +171,16 @@ def test_a_margin_holds_for_the_slopes_of_an_output_too(tmp_path):
     assert transients and confinement_claim(plant, tight.estimate, transients).status == "undecided"
 
 
+@pytest.mark.parametrize(("output", "about"), [('["x + 0.5*sin(x)"]', "class"), ('["x + u"]', "plant")])
+def test_a_refutation_from_slopes_of_the_output_alone_is_about_the_class(tmp_path, output, about):
+    """A flow that is linear: without slopes of the output the class is the plant itself."""
+    gain = "{family: reachability, gain: {K: [[1.5], [1]]}}"
+    work = work_of(tmp_path, typed(output, observer=gain, sampling="{period: 2.5}").replace("-sin(x)", "x"), effort=1)
+    claim = convergence(work)
+    assert claim.status == "refuted" and claim.witness is not None and claim.witness.about == about
+    assert ("the plant as typed may still converge" in claim.statement) == (about == "class")
+
+
 def test_a_flat_output_is_refuted_with_its_slope(tmp_path):
     claim = convergence(work_of(tmp_path, typed('["x**2"]', "domain: {x: [-1, 1]}")))
     assert claim.status == "refuted" and "d y_1 / d x = 0" in claim.statement

@@ -99,7 +99,8 @@ def _refuted(claim: Claim, plant: Plant, statement: str) -> tuple[Claim, str]:
     witness = claim.witness
     if witness is None:
         return claim, statement
-    if not plant.slopes.uncertain or witness.about == "plant":
+    alone = not plant.slopes.uncertain and not plant.output_quantities
+    if alone or witness.about == "plant":
         return replace(claim, witness=replace(witness, about="plant")), f"{statement}: refuted for the plant as typed"
     return (
         claim,

@@ -216,6 +216,8 @@ class MiddleClimb(PeriodClimb):
                 break
             assert met is not None
             gains += [ExactMatrix.from_floats(part * met.gain.floats, GAIN_DIGITS) for part in parts]
+        if not gains:
+            raise NoDesignError(f"no gain was found for the middle of the outputs' slopes at the period {short(T)}")
         return gains, T
 
 
