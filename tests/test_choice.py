@@ -64,6 +64,20 @@ def test_every_family_has_a_row_with_a_reason(scalar: tuple[Path, Result]) -> No
     assert "chooses its sampling instants" in told["updated_sampling"]["why"]
 
 
+def test_a_long_expression_is_not_quoted(tmp_path: Path) -> None:
+    long = (
+        text()
+        .replace('phi: ["0"]', 'phi: ["-x + sin(x)*cos(x)*tanh(x)/(1 + x**2 + x**4 + x**6)"]')
+        .replace("[[0]]", "auto")
+    )
+    (tmp_path / "s.yaml").write_text(long)
+    spec = load(tmp_path / "s.yaml")
+    assert spec.choice is not None
+    assert spec.choice.refused["interval"] == (
+        "plant.phi[0]: this observer is for linear plants: phi may use the inputs only"
+    )
+
+
 def test_the_largest_proved_rate_is_chosen(scalar: tuple[Path, Result]) -> None:
     """A full jump resets the error of a scalar plant: no held innovation is as fast."""
     told, design = rows(scalar[1]), scalar[1].design

@@ -14,6 +14,7 @@ from cdobs_cli.run import SimulationPlan
 from cdobs_cli.spec.block import Block
 
 AUTO = "auto"
+LONGEST_GOT = 40  # characters of what a family does not take, in a line
 Objective = Literal["given_period", "max_period", "decay_rate"]
 
 
@@ -79,5 +80,5 @@ def _missing(block: AutoBlock, family: type[Family]) -> str | None:
 
 
 def _told(problem: Problem) -> str:
-    got = f" ({problem.got})" if problem.got is not None else ""
+    got = f" ({problem.got})" if problem.got is not None and len(problem.got) <= LONGEST_GOT else ""
     return f"{problem.path}: {problem.what}{got}"
