@@ -103,13 +103,13 @@ def _version(value: bool) -> None:
 @app.command()
 def init(
     family: Annotated[
-        str, typer.Argument(metavar="FAMILY", help="reachability, lpv_zoh, updated_sampling or interval.")
-    ],
+        str, typer.Argument(metavar="[FAMILY]", help="reachability, lpv_zoh, updated_sampling, interval or auto.")
+    ] = "auto",
     out: Annotated[
         Path | None, typer.Option("-o", "--out", metavar="FILE", help="Write here instead of stdout.")
     ] = None,
 ) -> None:
-    """Print a commented spec of an observer family that runs as it is."""
+    """Print a commented spec that runs as it is: of a family, or the shortest that leaves the family open."""
     from cdobs_cli.scaffold import example, write_new
 
     text = example(family)

@@ -13,6 +13,7 @@ from cdobs_cli.plant import Box
 from cdobs_cli.sampling import SamplingLaw
 
 Outcome = Literal["found", "given", "short", "none"]
+CHOICE = "choice"  # the entry of `details` for the families that were tried
 Way = Literal["everywhere", "margin", "continuation", "cut", "open"]
 
 
@@ -82,3 +83,9 @@ class Design(Artefact):
     details: Mapping[str, Any] = field(default_factory=dict)
     estimate: Confinement = Confinement()
     digests: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def choice(self) -> list[Mapping[str, Any]]:
+        """Of each family what came of it and why it was chosen or not: {family, outcome, verdict, period, rate, why};
+        empty where the family was typed."""
+        return list(self.details.get(CHOICE, ()))

@@ -15,10 +15,13 @@ from cdobs_cli.design import Design
 
 SECONDS = "s"
 _NUMBER = r"\d[\d.eE+/-]*(?<![.,])"
-# Where a sentence tells a period of the law, or a rate.
-_PERIOD = re.compile(
-    rf"\b((?:sampling every|sampling at periods in|T_k =|T_k in|T =) (?:{_NUMBER}|\[{_NUMBER}, {_NUMBER}\]))(?![\w\[])"
+# Behind which words a sentence tells a period, or a rate.
+_TOLD = (
+    "sampling every|sampled every|sampling at periods in|periods in|periods from|periods up to|constant period"
+    "|period with a proof is|period found is|period reached is about|T_k =|T_k in|Tbar =|T ="
 )
+_PERIOD = re.compile(rf"\b((?:{_TOLD}) (?:{_NUMBER}|\[{_NUMBER}, {_NUMBER}\]))(?![\w\[])")
+_RATE = re.compile(rf"\b(at the rate {_NUMBER})(?![\w\[])")
 
 
 @dataclass(frozen=True)
@@ -37,8 +40,10 @@ class Labels:
         return label.replace("(s)", f"({self.time})").replace("(1/s)", f"(1/{self.time})")
 
     def sentence(self, text: str) -> str:
-        """A sentence with the unit behind each period of a law, where the user gave one."""
-        return text if self.time == SECONDS else _PERIOD.sub(rf"\1 {_literal(self.time)}", text)
+        """A sentence with the unit behind each period and rate, where the user gave one."""
+        if self.time == SECONDS:
+            return text
+        return _RATE.sub(rf"\1 1/{self.time}", _PERIOD.sub(rf"\1 {self.time}", text))
 
     def bounds(self, check: Check) -> Check:
         """The bounds in the unit of time, from whatever unit they were in."""
@@ -47,9 +52,14 @@ class Labels:
         return replace(check, bounds=bounds, time_unit="" if self.time == SECONDS else self.time)
 
     def check(self, check: Check) -> Check:
-        """As it is shown: bounds and sentences."""
+        """As it is shown: bounds, sentences, and what bounds are about."""
+        shown = self.bounds(check)
+        bounds = {
+            name: one if one.about is None else replace(one, about=self.sentence(one.about))
+            for name, one in shown.bounds.items()
+        }
         claims = tuple(replace(one, statement=self.sentence(one.statement)) for one in check.claims)
-        return replace(self.bounds(check), claims=claims)
+        return replace(shown, claims=claims, bounds=bounds)
 
     def design(self, design: Design) -> Design:
         """As it is shown: its reason."""
@@ -77,8 +87,3 @@ class Labels:
 
     def _cell(self, cell: str | float | int | Bound | None) -> str | float | int | Bound | None:
         return replace(cell, unit=self.unit(cell.unit)) if isinstance(cell, Bound) else cell
-
-
-def _literal(text: str) -> str:
-    """For the replacement of a pattern."""
-    return text.replace("\\", r"\\")

@@ -13,13 +13,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from cdobs_cli import __version__
-from cdobs_cli.certificate import Check, Claim
+from cdobs_cli.certificate import Check
+from cdobs_cli.choice import chosen_design
 from cdobs_cli.design import Design
 from cdobs_cli.errors import ArtefactError, CdobsError, UsageError
 from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.outcome import readable
 from cdobs_cli.store import CONTENT, Store, digest
-from cdobs_cli.synthesis import initial_errors, is_design_of, new_design, plant_of, system_of
+from cdobs_cli.synthesis import certify, initial_errors, is_design_of, new_design, plant_of, system_of
 
 if TYPE_CHECKING:
     from cdobs_cli.report.model import Report
@@ -36,6 +37,7 @@ class Work:
     """One spec on its way through the stages; what a stage made is kept for the next.
 
     Attributes:
+        spec: with the family that was chosen, once there is a design of one.
         forced: stages to redo although their artefact is current.
         effort: 0..3, the refinement schedule of searches and counterexamples.
     """
@@ -52,12 +54,14 @@ class Work:
 
     def key(self, *sections: str) -> str:
         """Digest of what a stage reads: sections of the spec, normalised, and the versions that matter."""
-        content = self.spec.normalised()
+        content = self.spec.normalised()  # the same whatever family is chosen
         return digest({"sections": {name: content.get(name) for name in sections}, "cdobs": __version__})
 
     @property
     def design_key(self) -> str:
-        start = initial_errors(self.spec)
+        cards = self.spec.choice.cards if self.spec.choice else (self.spec.observer.name,)
+        starts = (initial_errors(self.spec.chosen(name)) for name in cards)
+        start = next((start for start in starts if start is not None), None)
         ends = None if start is None else [[str(value) for value in side] for side in (start.lower, start.upper)]
         return digest({"spec": self.key("plant", "measurement", "observer"), "start": ends, "effort": self.effort})
 
@@ -68,14 +72,26 @@ def synthesize(work: Work) -> Design:
         stored = work.store.design()
         work.design = stored if stored is not None and _is_current(work, stored) else None
     if work.design is None:
-        design = replace(new_design(work.spec, work.effort), digests={"key": work.design_key})
+        if work.spec.choice is None:
+            design = new_design(work.spec, work.effort)
+        else:
+            work.spec, design = chosen_design(work.spec, work.effort)
+        design = replace(design, digests={"key": work.design_key})
         work.design = replace(design, digests=work.store.write("design.json", design.document())["digests"])
         work.redone.add("synthesize")
     return work.design
 
 
 def _is_current(work: Work, stored: Design) -> bool:
-    return _comes_from(stored.digests, {"key": work.design_key}) and is_design_of(work.spec, stored)
+    """Of a spec that leaves its family open, whether it is of one that takes it; that family is the spec's then."""
+    choice = work.spec.choice
+    if not _comes_from(stored.digests, {"key": work.design_key}) or (choice and stored.family not in choice.cards):
+        return False
+    spec = work.spec.chosen(stored.family) if choice else work.spec
+    if not is_design_of(spec, stored):
+        return False
+    work.spec = spec
+    return True
 
 
 def _sha256(content: bytes) -> str:
@@ -134,27 +150,7 @@ def _of_design(work: Work, design: Design, make: Callable[[Work, Design], T]) ->
 
 
 def _certify(work: Work, design: Design) -> Check:
-    from cdobs_cli.bounds.estimate import confinement_claim
-    from cdobs_cli.bounds.slopes import resolve, slope_claims, unbounded_claims
-    from cdobs_cli.certify.conditions import proved_of_the_plant, with_conditions
-
-    spec, family, plant = work.spec, work.spec.observer, plant_of(work.spec, design)
-    if spec.plant.is_to_be_found and not design.slopes:
-        statement = f"The error converges: {design.reason or 'there is no design'}."
-        convergence = Claim("convergence", "consequence", "undecided", statement, family.source, required=True)
-        return Check((convergence, *unbounded_claims(resolve(spec.plant)[0])))
-    proved, premises = family.certify(plant, design, work.effort), slope_claims(plant)
-    if plant.domain and design.outcome != "none":
-        premises += (confinement_claim(plant, design.estimate, family.transients(plant, design)),)
-    if spec.coordinates is not None:
-        premises = spec.coordinates.premises(premises)
-    domain = spec.typed.domain if spec.typed else plant.domain
-    claims = with_conditions(
-        (*premises, *proved.claims), plant, design.estimate, domain, disturbed=family.disturbed,
-        reason=design.reason if design.outcome == "short" else None,
-    )  # fmt: skip
-    judged = Check(claims, proved.bounds)
-    return replace(judged, bounds=proved_of_the_plant(judged, design.sampling, design.estimate))
+    return certify(work.spec, design, work.effort)
 
 
 def simulate(work: Work) -> dict[str, Any] | None:

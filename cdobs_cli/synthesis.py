@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from cdobs_cli.bounds.joint import joint_slopes
 from cdobs_cli.bounds.slopes import is_shared, resolve, to_be_found, unbounded_claims, with_found
+from cdobs_cli.certificate import Check, Claim
 from cdobs_cli.design import Design
 from cdobs_cli.exact.numbers import Exact, upper_text
 from cdobs_cli.hybrid import HybridSystem
@@ -155,6 +156,31 @@ def _margin_needed(spec: Spec, design: Design) -> dict[str, Exact]:
         return {}
     names = spec.plant.states
     return {name: Exact(upper_text(bound * _SPARE, 3)) for name, bound in zip(names, bounds, strict=True)}
+
+
+def certify(spec: Spec, design: Design, effort: int) -> Check:
+    """What is proved of a design, with the premises about the plant and the conditions of the verdict."""
+    from cdobs_cli.bounds.estimate import confinement_claim
+    from cdobs_cli.bounds.slopes import slope_claims
+    from cdobs_cli.certify.conditions import proved_of_the_plant, with_conditions
+
+    family, plant = spec.observer, plant_of(spec, design)
+    if spec.plant.is_to_be_found and not design.slopes:
+        statement = f"The error converges: {design.reason or 'there is no design'}."
+        convergence = Claim("convergence", "consequence", "undecided", statement, family.source, required=True)
+        return Check((convergence, *unbounded_claims(resolve(spec.plant)[0])))
+    proved, premises = family.certify(plant, design, effort), slope_claims(plant)
+    if plant.domain and design.outcome != "none":
+        premises += (confinement_claim(plant, design.estimate, family.transients(plant, design)),)
+    if spec.coordinates is not None:
+        premises = spec.coordinates.premises(premises)
+    domain = spec.typed.domain if spec.typed else plant.domain
+    claims = with_conditions(
+        (*premises, *proved.claims), plant, design.estimate, domain, disturbed=family.disturbed,
+        reason=design.reason if design.outcome == "short" else None,
+    )  # fmt: skip
+    judged = Check(claims, proved.bounds)
+    return replace(judged, bounds=proved_of_the_plant(judged, design.sampling, design.estimate))
 
 
 def is_design_of(spec: Spec, stored: Design) -> bool:

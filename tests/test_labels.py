@@ -148,6 +148,13 @@ def test_a_state_may_have_no_label(tmp_path: Path) -> None:
         ("for every T_k in [0.1, 5e-3]", "for every T_k in [0.1, 5e-3] h"),
         ("no gain was found at T = 0.6; more", "no gain was found at T = 0.6 h; more"),
         ("for every slope history", "for every slope history"),
+        (
+            "words of up to 3 periods; the longest period with a proof is 0.7, whose gain is kept",
+            "words of up to 3 periods; the longest period with a proof is 0.7 h, whose gain is kept",
+        ),
+        ("fails at the constant period 1.25: on each", "fails at the constant period 1.25 h: on each"),
+        ("this gain, at the rate 1/8", "this gain, at the rate 1/8 1/h"),
+        ("this gain, periods from 0.1", "this gain, periods from 0.1 h"),
         ("for every 2 x 2 matrix of T_k = 3,", "for every 2 x 2 matrix of T_k = 3 h,"),
     ],
 )

@@ -132,11 +132,13 @@ def _measurement(report: Report) -> Section:
 def _observer(report: Report) -> Section:
     design = report.design
     if design.outcome == "none":
-        return Section("Observer", (Paragraph(f"No design was found. {design.reason or ''}".strip()),))
+        told = Paragraph(f"No design was found. {design.reason or ''}".strip())
+        return Section("Observer", (told, *_choice(report)))
     origin = "given in the spec" if design.outcome == "given" else "found by the search"
     blocks: list[Block] = [
         Paragraph(f"Family {report.family.model_dump().get('family', design.family)}; the gain was {origin}.")
     ]
+    blocks += _choice(report)
     if report.observer is not None:
         blocks += [Paragraph("Between samples:"), Mathematics(systems.flow_equations(report.observer))]
         if jumps := systems.jump_equations(report.observer):
@@ -147,6 +149,21 @@ def _observer(report: Report) -> Section:
         words = "The gain, in the decimals that are run and proved:"
         blocks += [Paragraph(words), Mathematics(systems.gain_equations(design.gain))]
     return Section("Observer", tuple(blocks))
+
+
+def _choice(report: Report) -> tuple[Block, ...]:
+    """The families that the observer was chosen from."""
+    if not report.design.choice:
+        return ()
+    rows = []
+    for one in report.design.choice:
+        ends = (end_text(one[name], 6, up=False) for name in ("period", "rate"))
+        rows.append((str(one["family"]), str(one["outcome"]), one["verdict"] or NOTHING, *ends, str(one["why"])))
+    columns = ("family", "outcome", "verdict", *map(report.labels.axis, ("period (s)", "rate (1/s)")), "why")
+    caption = (
+        "Each family that takes plant and law was tried with little effort; the best by the objective is designed."
+    )
+    return (Grid(columns, tuple(rows), "Families", caption),)
 
 
 def _theorem(report: Report) -> Section:

@@ -26,6 +26,9 @@ def summary_lines(report: Report) -> list[str]:
     """A few plain lines: verdict, law, bracket, what failed. Status words stand first, so that a terminal can
     colour them."""
     lines = [f"{report.name}: {report.verdict}", f"  {' '.join(report.sentence.split())}"]
+    for one in report.design.choice:
+        if one["family"] == report.design.family:
+            lines.append(f"  family: {one['family']} ({one['why']})")
     lines.append(f"  sampling: {report.design.sampling.text(report.labels.time)}")
     for name, bound in report.check.bounds.items() if report.check else ():
         if "." not in name and (bound.proved is not None or bound.refuted is not None):

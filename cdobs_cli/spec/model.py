@@ -22,6 +22,7 @@ from cdobs_cli.fields import read_exact
 from cdobs_cli.labels import SECONDS, Labels
 from cdobs_cli.plant import Plant, TypedDynamics, coordinate_names
 from cdobs_cli.run import SimulationPlan
+from cdobs_cli.spec.auto_block import AUTO, AutoBlock, Choice
 from cdobs_cli.spec.block import Block, Text, is_identifier, placed, read_block
 from cdobs_cli.spec.boxes import MAX_STATES
 from cdobs_cli.spec.expect import Expectation, ExpectBlock, expect_problems, expectation
@@ -41,7 +42,7 @@ MAX_EXPECTATIONS = 200
 class Header(Block):
     """The keys of a spec; its blocks are read one by one."""
 
-    required: ClassVar[tuple[str, ...]] = ("spec_version", "plant", "measurement", "observer")
+    required: ClassVar[tuple[str, ...]] = ("spec_version", "plant", "measurement")
     spec_version: Literal[1] | None = None
     title: Annotated[Text, Field(max_length=200)] | None = None
     plant: Any = None
@@ -57,7 +58,8 @@ class Spec:
 
     coordinates: the way back to the states that the user typed, where `plant` and `simulation` are not in them;
     signals: of the inputs, over the estimates of the states that the user typed. labels: of units; results do not
-    depend on them.
+    depend on them. choice: what the observer is chosen from, where the spec leaves that open; `observer` is the first
+    that takes the plant until then.
     """
 
     title: str
@@ -71,6 +73,11 @@ class Spec:
     coordinates: Coordinates | None = None
     signals: Mapping[str, Expression] = field(default_factory=dict)
     labels: Labels = field(default_factory=Labels)
+    choice: Choice | None = None
+
+    def chosen(self, family: str) -> Spec:
+        """With a family of the choice as its observer; the spec itself where its family was typed."""
+        return self if self.choice is None else replace(self, observer=self.choice.cards[family])
 
     def location(self, path: FieldPath) -> tuple[str, int, int]:
         """File, line and column of a value, or of the nearest thing around it that was typed."""
@@ -82,6 +89,8 @@ class Spec:
         plant = canonical(self.typed or self.plant)
         measurement = {name: plant.pop(name) for name in ("C", "sampling", "noise")}
         rest = {name: canonical(getattr(self, name)) for name in ("observer", "simulation", "expect")}
+        if self.choice is not None:
+            rest["observer"] = canonical(self.choice.block)
         return {"plant": plant, "measurement": measurement, **rest}
 
 
@@ -208,16 +217,24 @@ class _Loader:
         asked = None if simulation is None else plan(simulation)
         self.problems += () if asked is None else limit_problems(typed, asked)
         final, run, coordinates = self.derive(typed, asked)
-        self.problems += family.problems(final, run) if family is not None else []
+        choice = None
+        if isinstance(family, AutoBlock):
+            choice = Choice.of(family, final, run)
+            self.problems += () if choice.problem is None else (choice.problem,)
+            family = next(iter(choice.cards.values()), None)
+        elif family is not None:
+            self.problems += family.problems(final, run)
         if self.failed or family is None:
             raise self.fail()
-        family = family.resolved(final, None if run is None else float(run.horizon))
+        if choice is None:
+            family = family.resolved(final, None if run is None else float(run.horizon))
         entries = tuple(expectation(block, ("expect", i)) for i, block in enumerate(expect))
         return Spec(
             title=header.title or self.path.stem, plant=final, observer=family, simulation=run, expect=entries,
             source_path=self.path, document=self.document,
             typed=typed if isinstance(typed, TypedDynamics) else None, coordinates=coordinates,
             signals={} if asked is None else asked.inputs, labels=labels,
+            choice=choice,
         )  # fmt: skip
 
     def labels(self, typed: Any, plant: PlantBlock | None) -> Labels:
@@ -287,25 +304,28 @@ class _Loader:
             coordinates = coordinate_names(len(states), frozenset([*states, *(inputs or ()), *parameters]))
         return {"parameters": parameters, "states": states, "inputs": inputs, "coordinates": coordinates}
 
-    def family(self, value: Any, context: dict[str, Any]) -> Family | None:
+    def family(self, value: Any, context: dict[str, Any]) -> Family | AutoBlock | None:
         if value is None:
-            return None
+            return AutoBlock()
         if not isinstance(value, dict):
             self.tell(("observer",), "a mapping is expected", shown(value), "family, and what it takes")
             return None
         name = value.get("family")
+        if name == AUTO:
+            block: AutoBlock | None = self.block(AutoBlock, value, ("observer",), context)[0]
+            return block
         if not isinstance(name, str) or name not in FAMILIES:
             what = "is required" if name is None else "unknown family"
-            hint = nearest(name, FAMILIES)[2:] or None if isinstance(name, str) else None
+            hint = nearest(name, [*FAMILIES, AUTO])[2:] or None if isinstance(name, str) else None
             got = None if name is None else shown(name)
-            self.tell(("observer", "family"), what, got, ", ".join(FAMILIES), hint)
+            self.tell(("observer", "family"), what, got, ", ".join((*FAMILIES, AUTO)), hint)
             return None
         family: Family | None = self.block(FAMILIES[name], value, ("observer",), context)[0]
         return family
 
-    def signalled(self, inputs: tuple[str, ...] | None, family: Family | None) -> tuple[str, ...] | None:
+    def signalled(self, inputs: tuple[str, ...] | None, family: Family | AutoBlock | None) -> tuple[str, ...] | None:
         """The inputs that need a signal: all but those that the observer itself sets; None: not known."""
-        if inputs is None or family is None:
+        if inputs is None or family is None or isinstance(family, AutoBlock):
             return inputs
         controlled = family.controlled(inputs)
         return tuple(name for name in inputs if name not in controlled)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from pydantic.json_schema import models_json_schema
 
 from cdobs_cli.families import FAMILIES
+from cdobs_cli.spec.auto_block import AUTO, AutoBlock
 from cdobs_cli.spec.expect import ExpectBlock
 from cdobs_cli.spec.measurement_block import MeasurementBlock
 from cdobs_cli.spec.plant_block import PlantBlock
@@ -18,7 +20,8 @@ _TEMPLATE = "#/definitions/{model}"
 
 def json_schema() -> dict[str, Any]:
     """The whole schema. Editors that speak draft-07 (YAML language server, VS Code) take it as it is."""
-    blocks: list[type[Any]] = [PlantBlock, MeasurementBlock, SimulationBlock, ExpectBlock, *FAMILIES.values()]
+    families: dict[str, type[Any]] = {**FAMILIES, AUTO: AutoBlock}
+    blocks: list[type[Any]] = [PlantBlock, MeasurementBlock, SimulationBlock, ExpectBlock, *families.values()]
     names, schema = models_json_schema([(block, "validation") for block in blocks], ref_template=_TEMPLATE)
     definitions = schema["$defs"]
     refs = {block: names[(block, "validation")] for block in blocks}
@@ -28,7 +31,7 @@ def json_schema() -> dict[str, Any]:
         "type": "object", "properties": {"file": {"type": "string"}}, "required": ["file"],
         "additionalProperties": False, "description": "The plant in a file of its own, e.g. pendulum.plant.yaml.",
     }  # fmt: skip
-    for family, block in FAMILIES.items():
+    for family, block in families.items():
         definition = definitions[refs[block]["$ref"].rsplit("/", 1)[1]]
         definition["properties"]["family"] = {"const": family}
         definition["required"] = sorted({*definition.get("required", []), "family"})
@@ -37,11 +40,11 @@ def json_schema() -> dict[str, Any]:
         "properties": {
             "spec_version": {"const": 1}, "title": {"type": "string", "maxLength": 200},
             "plant": {"anyOf": [refs[PlantBlock], plant_file]}, "measurement": refs[MeasurementBlock],
-            "observer": _by_family(refs),
+            "observer": _by_family(refs, families),
             "simulation": {"anyOf": [refs[SimulationBlock], {"type": "null"}]},
             "expect": {"anyOf": [{"type": "array", "items": refs[ExpectBlock]}, {"type": "null"}]},
         },
-        "required": ["spec_version", "plant", "measurement", "observer"], "additionalProperties": False,
+        "required": ["spec_version", "plant", "measurement"], "additionalProperties": False,
         "definitions": definitions,
     }  # fmt: skip
 
@@ -69,10 +72,11 @@ def _blocks() -> list[Any]:
     return blocks
 
 
-def _by_family(refs: dict[type[Any], Any]) -> dict[str, Any]:
+def _by_family(refs: dict[type[Any], Any], families: Mapping[str, type[Any]]) -> dict[str, Any]:
     """The observer's block, told apart by `family`: if/then, so that an editor names the mistake in the
     family that was meant."""
-    known = {name: {"properties": {"family": {"const": name}}, "required": ["family"]} for name in FAMILIES}
-    branches = [{"if": known[name], "then": refs[block]} for name, block in FAMILIES.items()]
-    names = {"family": {"enum": list(FAMILIES)}}
-    return {"type": "object", "required": ["family"], "properties": names, "allOf": branches}
+    told = {"type": "object", "required": ["family"]}
+    known = {name: told | {"properties": {"family": {"const": name}}} for name in families}
+    branches = [{"if": known[name], "then": refs[block]} for name, block in families.items()]
+    names = {"family": {"enum": list(families)}}
+    return {"type": ["object", "null"], "required": ["family"], "properties": names, "allOf": branches}

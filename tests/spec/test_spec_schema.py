@@ -12,9 +12,11 @@ import yaml
 from spec_pendulum import PENDULUM, changed
 
 from cdobs_cli.families import FAMILIES
+from cdobs_cli.scaffold import example
 from cdobs_cli.spec.schema import json_schema
 
 SCHEMA = json_schema()
+OBSERVER = 'observer:\n  family: reachability\n  gain: {K: [["1"], [1.8361]]}\n'
 VALIDATOR = jsonschema.Draft7Validator(SCHEMA)
 
 
@@ -24,7 +26,7 @@ def test_it_is_a_draft_7_schema_without_loose_ends():
     assert "$defs" not in text
     names = {part.split('"')[0] for part in text.split("#/definitions/")[1:]}
     assert names <= set(SCHEMA["definitions"])
-    assert list(FAMILIES) == SCHEMA["properties"]["observer"]["properties"]["family"]["enum"]
+    assert [*FAMILIES, "auto"] == SCHEMA["properties"]["observer"]["properties"]["family"]["enum"]
 
 
 @pytest.mark.parametrize(
@@ -36,6 +38,10 @@ def test_it_is_a_draft_7_schema_without_loose_ends():
         (("{period: 0.6}", "{updated: true}"),),
         (("{period: 0.6}", "{max_period: 'pi'}"),),
         (("at_least: 0.6", "equals: proved"),),
+        ((OBSERVER, ""),),
+        ((OBSERVER, "observer:\n"),),
+        ((OBSERVER, "observer: {family: auto, objective: max_period, rate_at_least: '1/8'}\n"),),
+        (("states: [theta, omega]", "time_unit: min\n  states: {theta: rad, omega: null}"),),
     ],
 )
 def test_good_specs_pass(changes):
@@ -48,6 +54,7 @@ def test_good_specs_pass(changes):
         ("title: Pendulum", "titel: x"), ("spec_version: 1\n", ""), ("states: [theta, omega]", "states: theta"), ("C: [[1, 0]]", "D: [[1, 0]]"),
         ("{period: 0.6}", "{perod: 0.6}"), ("{period: 0.6}", "{period: [1]}"), ("family: reachability", "family: reach"),
         ("  family: reachability\n", ""), ("gain: {K:", "gain: {L:"), ("horizon: 20", "horizn: 20"), ("runs: 3", "runs: 0"),
+        (OBSERVER, "observer: {family: auto, gain: {K: [[1]]}}\n"), (OBSERVER, "observer: {}\n"), (OBSERVER, "observer: 3\n"),
         ("at_least: 0.6", "atleast: 0.6"), ("bounds.period_max.proved", ""), ("quantity: bounds.period_max.proved, ", ""),
     ],
 )  # fmt: skip
@@ -63,3 +70,4 @@ def test_a_plant_file_and_every_family_example_pass():
     )
     for family in FAMILIES.values():
         VALIDATOR.validate(yaml.safe_load(family.example()))
+    VALIDATOR.validate(yaml.safe_load(example()))

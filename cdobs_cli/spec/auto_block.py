@@ -1,0 +1,84 @@
+"""`family: auto`, or no observer block: the families that take plant and law, each with what was asked of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+from cdobs_cli.errors import Problem
+from cdobs_cli.families import FAMILIES, Family
+from cdobs_cli.fields import NonNegativeNumber
+from cdobs_cli.plant import Plant
+from cdobs_cli.run import SimulationPlan
+from cdobs_cli.spec.block import Block
+
+AUTO = "auto"
+LONGEST_GOT = 40  # characters of what a family does not take, in a line
+Objective = Literal["given_period", "max_period", "decay_rate"]
+
+
+class AutoBlock(Block):
+    """`observer: {family: auto, ..}`; without an objective each family has its own first one."""
+
+    family: Literal["auto"] = "auto"
+    objective: Objective | None = None
+    rate_at_least: NonNegativeNumber | None = None
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """What was typed, for a family's card."""
+        typed = {"objective": self.objective, "rate_at_least": self.rate_at_least}
+        return {name: value for name, value in typed.items() if value is not None}
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What the observer is chosen from.
+
+    cards: of the families that take plant, law and options, by name, in the order of the registry; refused: why the
+    others do not, by name.
+    """
+
+    block: AutoBlock
+    cards: Mapping[str, Family]
+    refused: Mapping[str, str]
+
+    @staticmethod
+    def of(block: AutoBlock, plant: Plant, plan: SimulationPlan | None) -> Choice:
+        cards: dict[str, Family] = {}
+        refused: dict[str, str] = {}
+        for name, family in FAMILIES.items():
+            reason = _missing(block, family)
+            if reason is None:
+                card = family.model_validate(block.options)
+                reason = next((_told(problem) for problem in card.problems(plant, plan)), None)
+            if reason is None:
+                cards[name] = card.resolved(plant, None if plan is None else float(plan.horizon))
+            else:
+                refused[name] = reason
+        return Choice(block, cards, refused)
+
+    @property
+    def problem(self) -> Problem | None:
+        """That no family is left."""
+        if self.cards:
+            return None
+        told = "; ".join(f"{name}: {why}" for name, why in self.refused.items())
+        return Problem(("observer",), "no family takes this plant and its sampling", hint=told)
+
+
+def _missing(block: AutoBlock, family: type[Family]) -> str | None:
+    """What was asked that the family does not have."""
+    for name, value in block.options.items():
+        field = family.model_fields.get(name)
+        if field is None:
+            return f"it has no {name}"
+        if name == "objective" and value not in get_args(field.annotation):
+            return f"it has no objective {value}"
+    return None
+
+
+def _told(problem: Problem) -> str:
+    got = f" ({problem.got})" if problem.got is not None and len(problem.got) <= LONGEST_GOT else ""
+    return f"{problem.path}: {problem.what}{got}"
