@@ -8,6 +8,7 @@ from fractions import Fraction
 from math import log
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
+from cdobs_cli.errors import Problem
 from cdobs_cli.families.base import Family
 from cdobs_cli.fields import NonNegativeNumber
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from cdobs_cli.exact.numbers import ExactMatrix
     from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, PlantView
     from cdobs_cli.plant import Plant
+    from cdobs_cli.run import SimulationPlan
 
 
 _PERIODS = 50
@@ -53,6 +55,15 @@ class ConstantGain(Family):
     @abstractmethod
     def gain_searches(self, question: Question) -> Sequence[GainSearch]:
         """Ways of finding a gain, the first choice first."""
+
+    def problems(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:
+        if self.rate_at_least is None or self.objective == "max_period":
+            return []
+        what = "a rate to be kept belongs to the longest period"
+        hint = "objective decay_rate looks for the fastest one"
+        return [
+            Problem(("observer", "rate_at_least"), what, got=self.objective, allowed="objective: max_period", hint=hint)
+        ]
 
     @property
     def wanted_rate(self) -> Fraction:

@@ -11,6 +11,7 @@ import pytest
 from cdobs_cli.certificate import Certificate, Check
 from cdobs_cli.certify.methods.open_loop import OpenLoop
 from cdobs_cli.design import Design
+from cdobs_cli.errors import SpecError
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.pipeline import Work, check
 from cdobs_cli.spec.model import Spec, load
@@ -124,3 +125,9 @@ def test_an_edited_open_loop_is_not_believed(tmp_path: Path) -> None:
 
     assert bound("0.99", "1") == "inf"
     assert bound("1.01", "1") != "inf" and bound("0.9", "-1") != "inf"
+
+
+@pytest.mark.parametrize("objective", ["given_period", "decay_rate"])
+def test_a_rate_to_be_kept_belongs_to_the_longest_period(objective: str, tmp_path: Path) -> None:
+    with pytest.raises(SpecError, match="objective: max_period"):
+        spec(tmp_path, "[[-1]]", "[[1]]", "{max_period: 0.1}", "lpv_zoh", objective, rate_at_least="1")

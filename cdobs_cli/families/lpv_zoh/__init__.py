@@ -68,7 +68,7 @@ class LpvZeroOrderHold(ConstantGain):
     def problems(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:
         from cdobs_cli.families.lpv_zoh.structure import problems
 
-        return problems(self, plant)
+        return [*super().problems(plant, simulation), *problems(self, plant)]
 
     def error_maps(self, view: PlantView[Any]) -> ErrorMaps[Any]:
         from cdobs_cli.families.lpv_zoh.theorems import error_maps, held_maps

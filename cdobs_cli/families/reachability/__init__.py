@@ -79,7 +79,7 @@ class Reachability(ConstantGain):
     def problems(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:
         from cdobs_cli.families.reachability.structure import problems
 
-        return problems(self, plant)
+        return [*super().problems(plant, simulation), *problems(self, plant)]
 
     def error_maps(self, view: PlantView[Any]) -> ErrorMaps[Any]:
         from cdobs_cli.hybrid import corrected_copy
