@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from flint import arb
+
+from cdobs_cli.bounds.estimate import before_the_first_sample
 from cdobs_cli.bounds.joint import joint_slopes
 from cdobs_cli.bounds.slopes import is_shared, resolve, to_be_found, unbounded_claims, with_found
 from cdobs_cli.certificate import Check, Claim
@@ -152,6 +155,7 @@ def _margin_needed(spec: Spec, design: Design) -> dict[str, Exact]:
     if start is None or not transients:
         return {}
     bounds = min((transient(start) for transient in transients), key=lambda ends: max(float(end) for end in ends))
+    bounds = tuple(map(arb.max, bounds, before_the_first_sample(spec.plant, start)))
     if not all(bound.is_finite() for bound in bounds):
         return {}
     names = spec.plant.states

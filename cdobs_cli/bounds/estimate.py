@@ -5,6 +5,7 @@ assumed (`invariance`); of the estimate it is shown, in one of these ways:
 
     everywhere     the slopes hold all over R^n;
     margin         they hold on the domain widened by m_j in each state, and |e_j| never passes m_j (`transients`);
+                   where the outputs' slopes vary also not before the first correction, which reads h at x_hat(0);
     continuation   the observer continues phi linearly outside the box (`Plant.continued`), which keeps its slopes;
     cut            a family's own observer evaluates phi at the estimate cut to the box, and its theorem allows for it.
 
@@ -102,15 +103,26 @@ def _slopes_hold(plant: Plant, *, zeros: bool = False) -> bool:
 
 def _margin_for(plant: Plant, transients: Sequence[Transient], start: Box) -> Confinement | None:
     """A margin that the transient from these initial errors does not pass, with slopes that hold there."""
+    before = before_the_first_sample(plant, start)
     for transient in transients:
         bounds = transient(start)
         if all(bound.is_finite() for bound in bounds):
+            bounds = tuple(bound.max(first) for bound, first in zip(bounds, before, strict=True))
             roomy = (upper_text(bound * arb(_ROOM.numerator) / _ROOM.denominator, 6) for bound in bounds)
             margin = dict(zip(plant.states, roomy, strict=True))
             if _slopes_hold(_widened(plant, margin)):
                 ends = tuple((str(low), str(high)) for low, high in zip(start.lower, start.upper, strict=True))
                 return Confinement("margin", margin, ends)
     return None
+
+
+def before_the_first_sample(plant: Plant, start: Box) -> tuple[arb, ...]:
+    """What the margin holds besides the transient, which begins after the first sample: a correction by h(x_hat) takes
+    slopes between x(0) and x_hat(0), one by C takes none."""
+    if plant.H is None:
+        return (arb(0),) * plant.n
+    ends = zip(start.lower, start.upper, strict=True)
+    return tuple(arb.max(abs(low.ball()), abs(high.ball())) for low, high in ends)
 
 
 def _margin_of_its_own(plant: Plant, transients: Sequence[Transient]) -> Confinement | None:
@@ -158,8 +170,11 @@ def _stays_within(plant: Plant, confinement: Confinement, transients: Sequence[T
         return False
     margin = [Exact(confinement.margin[name]).ball() for name in plant.states]
     start = confinement.initial_errors
-    kept = (
-        all(bound < m or (bound == 0 and m == 0) for bound, m in zip(transient(start), margin, strict=True))
-        for transient in transients
-    )  # fmt: skip
+    if not _is_held(before_the_first_sample(plant, start), margin):
+        return False
+    kept = (_is_held(transient(start), margin) for transient in transients)
     return any(kept) and _slopes_hold(_widened(plant, confinement.margin))
+
+
+def _is_held(bounds: Iterable[arb], margin: Iterable[arb]) -> bool:
+    return all(bound < m or (bound == 0 and m == 0) for bound, m in zip(bounds, margin, strict=True))

@@ -43,8 +43,7 @@ def slope_claims(plant: Plant) -> tuple[Claim, ...]:
     region = Region.of(plant)
     judged = tuple(defined(one, region) for one in plant.functions)
     entries = dict.fromkeys(plant.slopes.entries, ZERO) | dict(varying(plant))
-    alone = sorted(entries.keys() - plant.slopes.shared)
-    claims = [_claim(plant, *at, entries[at], region, judged[at[0]]) for at in alone]
+    claims = [_claim(plant, *at, entries[at], region, judged[at[0]]) for at in sorted(entries)]
     claims += [_joint_claim(plant, rho, region, judged) for rho in plant.slopes.joint]
     claims += [_output_claim(plant, at, slope, region, judged[plant.n + at[0]]) for at, slope in of_outputs(plant)]
     if not all(map(is_total, plant.functions)):
@@ -74,10 +73,10 @@ def of_outputs(plant: Plant) -> Iterator[tuple[Entry, Expression]]:
 
 
 def claimed(plant: Plant) -> Iterator[tuple[Expression, Exact, Exact]]:
-    """Functions with the bounds that the slope class claims: entries by themselves, then those that entries share,
-    then those of the outputs."""
+    """Functions with the bounds that the slope class claims: those of the entries (read by themselves too where they
+    share functions), then of what entries share, then of the outputs."""
     slopes = plant.slopes
-    yield from ((slope, slopes.lower[at], slopes.upper[at]) for at, slope in varying(plant) if at not in slopes.shared)
+    yield from ((slope, slopes.lower[at], slopes.upper[at]) for at, slope in varying(plant))
     yield from ((rho.function, rho.lower, rho.upper) for rho in slopes.joint if rho.function is not None)
     if plant.H is not None:
         yield from ((slope, plant.H.lower[at], plant.H.upper[at]) for at, slope in of_outputs(plant))

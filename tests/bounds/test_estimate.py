@@ -12,7 +12,8 @@ from cdobs_cli.certify.levels import constant_level
 from cdobs_cli.design import Confinement
 from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
-from cdobs_cli.plant import Box
+from cdobs_cli.exact.parser import parse
+from cdobs_cli.plant import Box, Slopes
 
 UNIT = {"x": ("0", "1")}
 SQUARE = make_plant(("x",), ("x**2",), lower=[["0"]], upper=[["2"]], box=UNIT)
@@ -128,3 +129,20 @@ def test_the_continued_phi_is_the_typed_one_inside() -> None:
 def test_a_domain_of_one_sided_ends_is_clipped_on_that_side() -> None:
     plant = replace(make_plant(("x",), ("max(x, 0)",), lower=[["0"]], upper=[["1"]], box={"x": ("0", None)}))
     assert str(plant.clipped("hat.")["x"]) == "max(hat.x, 0)"
+
+
+def test_a_nonlinear_output_is_read_before_the_first_correction() -> None:
+    """From x_hat(0) = 11 the first secant of x + x^5/1000 is 17, not the 1.005 of the domain: a margin for the time
+    after that correction alone proves nothing."""
+    linear = make_plant(("x",), ("0",), box={"x": ("-1", "1")})
+    output = Slopes(ExactMatrix([["1"]]), ExactMatrix([["1.02"]]))
+    plant = replace(linear, h=(parse("x + 0.001*x**5", frozenset({"x"})),), H=output)
+    after = (lambda _: constant_level(ExactMatrix([["1"]])).bounds(start("0.001")),)
+    near = confine(plant, False, after, start("0.2"))
+    assert near.way == "margin" and float(near.margin["x"]) > 0.2
+    assert confinement_claim(plant, near, after).status == "proved"
+    own = confine(plant, False, after, start("10"))
+    assert float(own.start[0][1]) < float(own.margin["x"]) < 1
+    forged = Confinement("margin", {"x": "0.002"}, (("-10", "10"),))
+    assert confinement_claim(plant, forged, after).status == "undecided"
+    assert confinement_claim(linear, forged, after).status == "proved"

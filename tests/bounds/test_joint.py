@@ -148,6 +148,8 @@ def test_edited_bounds_of_a_function_are_not_believed(tmp_path: Path) -> None:
     plant, found = resolve(made(LORENZ, tmp_path).plant)
     smaller = with_found(made(LORENZ, tmp_path).plant, found | {"rho1": ("-10", "10")})
     assert "refuted" in {claim.status for claim in slope_claims(smaller)}
+    entry = with_found(made(LORENZ, tmp_path).plant, found | {"2.1": ("0", "0.001")})  # what theorems on entries read
+    assert "refuted" in {claim.status for claim in slope_claims(entry)}
     with pytest.raises(ValueError, match="do not share"):
         with_found(made(LORENZ, tmp_path).plant, found | {"rho4": ("0", "1")})
     rho = plant.slopes.joint[0]
