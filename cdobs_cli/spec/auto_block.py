@@ -19,7 +19,8 @@ Objective = Literal["given_period", "max_period", "decay_rate"]
 
 
 class AutoBlock(Block):
-    """`observer: {family: auto, ..}`; without an objective each family has its own first one."""
+    """`observer: {family: auto, ..}`; without an objective each family has its own first one, but a rate to be kept
+    asks for the longest period."""
 
     family: Literal["auto"] = "auto"
     objective: Objective | None = None
@@ -28,7 +29,8 @@ class AutoBlock(Block):
     @property
     def options(self) -> dict[str, Any]:
         """What was typed, for a family's card."""
-        typed = {"objective": self.objective, "rate_at_least": self.rate_at_least}
+        objective = "max_period" if self.objective is None and self.rate_at_least is not None else self.objective
+        typed = {"objective": objective, "rate_at_least": self.rate_at_least}
         return {name: value for name, value in typed.items() if value is not None}
 
 
