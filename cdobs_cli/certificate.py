@@ -13,6 +13,12 @@ Status = Literal["proved", "refuted", "undecided"]
 ClaimKind = Literal["premise", "assumption", "certificate", "consequence", "printed"]
 About = Literal["class", "plant"]
 Better = Literal["more", "less"]
+CONVERGENCE = "convergence"  # the claim that the verdict is about
+
+
+def status_of(holds: bool) -> Status:
+    """What is said of something that is proved or left open."""
+    return "proved" if holds else "undecided"
 
 
 @dataclass(frozen=True)

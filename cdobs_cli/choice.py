@@ -11,6 +11,7 @@ from typing import Any
 
 from cdobs_cli.certificate import Bound, Check
 from cdobs_cli.design import CHOICE, Design
+from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.spec.model import Spec
 from cdobs_cli.synthesis import certify, new_design
 
@@ -35,7 +36,7 @@ class Trial:
 
     def merit(self, objective: str) -> tuple[bool, bool, float, float]:
         """A larger one is better: proved first, then any design, then the objective, then the other figure."""
-        period, rate = (-1.0 if text is None else float(text) for text in (self.period, self.rate))
+        period, rate = (-1.0 if text is None else _number(text) for text in (self.period, self.rate))
         figures = (period, rate) if objective == "max_period" or not self.proved else (rate, period)
         return (self.proved, self.outcome != "none", *figures)
 
@@ -86,8 +87,6 @@ def _proved(check: Check, name: str) -> str | None:
 
 
 def _number(text: str) -> float:
-    from cdobs_cli.exact.numbers import Exact
-
     return float(text) if text.endswith("inf") else float(Exact(text))
 
 

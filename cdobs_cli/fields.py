@@ -36,7 +36,7 @@ MAX_ROWS = 256
 MAX_TREE = 20_000
 MAX_TREE_DEPTH = 400
 LARGEST = Fraction(10) ** 100
-_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
 def wrong(what: str) -> PydanticCustomError:
@@ -208,7 +208,7 @@ def formula(*names: str, functions: Mapping[str, tuple[int, ...]] = TYPED_FUNCTI
                 allowed.update(listed)
             else:
                 # Made in code, outside a spec: any name is taken.
-                allowed.update(set(_NAME.findall(text)) - {*functions, *CONSTANTS})
+                allowed.update(set(NAME.findall(text)) - {*functions, *CONSTANTS})
         known = {name: value for name, value in (context(info, "parameters") or {}).items() if name not in allowed}
         return read_expression(text, allowed, known, functions)
 

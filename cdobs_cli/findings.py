@@ -13,9 +13,9 @@ from cdobs_cli.spec.expect import Outcome, evaluate
 
 if TYPE_CHECKING:
     from cdobs_cli.spec.model import Spec
+    from cdobs_cli.spec.reader import FieldPath
 
 Documents = dict[str, dict[str, Any] | None]
-Field = tuple[str | int, ...]
 STAGE_OF = {"design": "synthesize", "check": "check", "simulation": "simulate"}
 REPLAY = "replay"
 
@@ -63,7 +63,7 @@ def _left_out(spec: Spec, documents: Documents, stages: frozenset[str]) -> Itera
             yield replace(_message(spec, text, entries[0].field, "expect"), severity="note")
 
 
-def _message(spec: Spec, text: str, field: Field, rule: str) -> Message:
+def _message(spec: Spec, text: str, field: FieldPath, rule: str) -> Message:
     file, line, column = spec.location(field)
     return Message("error", text, file, line, column, Problem(field, "").path, rule)
 
@@ -76,7 +76,7 @@ def _unproved(spec: Spec, check: dict[str, Any] | None) -> Iterator[Message]:
             yield _message(spec, text, _place(spec, claim["id"]), claim["id"])
 
 
-def _place(spec: Spec, claim: str) -> Field:
+def _place(spec: Spec, claim: str) -> FieldPath:
     if claim.startswith("slopes."):
         return ("plant", *_place_of_slope(claim.split(".")[1:]))
     if claim == "defined":
@@ -87,7 +87,7 @@ def _place(spec: Spec, claim: str) -> Field:
     return ("measurement", "sampling", {"periodic": "period", "aperiodic": "max_period"}.get(law, law))
 
 
-def _place_of_slope(parts: list[str]) -> Field:
+def _place_of_slope(parts: list[str]) -> FieldPath:
     """Where `2.1`, `output.1.2` or `rho1` was typed, within the plant."""
     match parts:
         case ["output", k, _]:

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 ARCHIVE = "archive"  # the entry of `digests` for the trajectories beside a summary
-STAGES = ("synthesize", "check", "simulate", "report")
 
 
 @dataclass

@@ -10,7 +10,7 @@ from flint import arb
 from cdobs_cli.bounds.estimate import before_the_first_sample
 from cdobs_cli.bounds.joint import joint_slopes
 from cdobs_cli.bounds.slopes import is_shared, resolve, to_be_found, unbounded_claims, with_found
-from cdobs_cli.certificate import Check, Claim
+from cdobs_cli.certificate import CONVERGENCE, Check, Claim
 from cdobs_cli.design import Design
 from cdobs_cli.exact.numbers import Exact, upper_text
 from cdobs_cli.hybrid import HybridSystem
@@ -171,7 +171,7 @@ def certify(spec: Spec, design: Design, effort: int) -> Check:
     family, plant = spec.observer, plant_of(spec, design)
     if spec.plant.is_to_be_found and not design.slopes:
         statement = f"The error converges: {design.reason or 'there is no design'}."
-        convergence = Claim("convergence", "consequence", "undecided", statement, family.source, required=True)
+        convergence = Claim(CONVERGENCE, "consequence", "undecided", statement, family.source, required=True)
         return Check((convergence, *unbounded_claims(resolve(spec.plant)[0])))
     proved, premises = family.certify(plant, design, effort), slope_claims(plant)
     if plant.domain and design.outcome != "none":

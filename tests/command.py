@@ -12,6 +12,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from cdobs_cli.batch import Settings, run
+from cdobs_cli.cli import STAGES
+from cdobs_cli.outcome import Job, Result
+
 ROOT = Path(__file__).parent.parent
 PENDULUM = """\
 spec_version: 1
@@ -33,6 +37,12 @@ simulation:
   initial_estimate: [0, 0]
 """
 Cdobs = Callable[..., "subprocess.CompletedProcess[str]"]
+
+
+def made(folder: Path, text: str, stages: tuple[str, ...] = STAGES, effort: int = 0) -> Result:
+    """What the stages make of a spec, in this process."""
+    (folder / "s.yaml").write_text(text)
+    return run(Job(folder / "s.yaml", folder / "out"), stages, Settings(out=folder, effort=effort))
 
 
 @dataclass(frozen=True)
@@ -78,11 +88,11 @@ def _command(arguments: list[str], folder: Path, out: Path, err: Path, before: C
     sys.stderr = io.TextIOWrapper(os.fdopen(2, "wb", closefd=False), encoding="utf-8", line_buffering=True)
     sys.argv = ["cdobs", *arguments]
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    from cdobs_cli.cli import run
+    from cdobs_cli.cli import run as entry
 
     try:
         before()
-        run()
+        entry()
     except SystemExit as error:
         return int(error.code or 0)
     finally:

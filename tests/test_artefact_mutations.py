@@ -39,7 +39,6 @@ SPECS = (
 )  # fmt: skip
 EDITS = int(os.environ.get("CDOBS_MUTATIONS", "180"))
 AS_IT_IS = 15  # of so many edits one is followed by the real work, and not by what the clean run made
-_WORDS = ("proved", "refuted", "undecided", "found", "given", "none", "999", "-1", "inf", "", "\ud800")
 STAGES = (pipeline.synthesize, pipeline.check, pipeline.simulate)
 
 

@@ -10,9 +10,7 @@ from pathlib import Path
 import pytest
 from command import Done, forked
 
-from cdobs_cli.store import sealed
-
-MADE = ("design.json", "check.json", "simulation.json", "simulation.npz")
+from cdobs_cli.store import ARTEFACTS, sealed
 
 
 @pytest.fixture
@@ -22,14 +20,14 @@ def here(finished: Path, tmp_path: Path) -> Path:
 
 
 def bytes_of(folder: Path) -> dict[str, bytes]:
-    return {name: (folder / "results" / "p" / name).read_bytes() for name in MADE}
+    return {name: (folder / "results" / "p" / name).read_bytes() for name in ARTEFACTS}
 
 
 def command(folder: Path, *arguments: str) -> Done:
     return forked([arguments[0], "p.yaml", *arguments[1:]], folder)
 
 
-@pytest.mark.parametrize("name", MADE)
+@pytest.mark.parametrize("name", ARTEFACTS)
 def test_an_edited_artefact_is_refused_by_report_and_made_anew_by_run(here: Path, name: str) -> None:
     clean = bytes_of(here)
     path = here / "results" / "p" / name
@@ -58,7 +56,7 @@ def test_statuses_and_numbers_edited_in_a_check_do_not_reach_the_exit_code(here:
         assert bytes_of(here) == clean
 
 
-@pytest.mark.parametrize("name", MADE)
+@pytest.mark.parametrize("name", ARTEFACTS)
 def test_a_pipe_in_place_of_an_artefact_is_refused_at_once(here: Path, name: str) -> None:
     path = here / "results" / "p" / name
     path.unlink()

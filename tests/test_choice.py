@@ -8,14 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from command import made
 
 from cdobs_cli import choice
-from cdobs_cli.batch import Settings, run
 from cdobs_cli.choice import Trial
-from cdobs_cli.cli import STAGES
 from cdobs_cli.errors import SpecError
 from cdobs_cli.families import FAMILIES
-from cdobs_cli.outcome import Job, Result
+from cdobs_cli.outcome import Result
 from cdobs_cli.pipeline import Work, check, synthesize
 from cdobs_cli.scaffold import example
 from cdobs_cli.spec.model import load
@@ -37,11 +36,6 @@ def text(observer: str = "", *, A: str = "-1", law: str = "period: 0.5", start: 
     for name, part in parts.items():
         filled = filled.replace(name, part)
     return filled
-
-
-def made(folder: Path, spec: str, stages: tuple[str, ...] = STAGES, effort: int = 0) -> Result:
-    (folder / "s.yaml").write_text(spec)
-    return run(Job(folder / "s.yaml", folder / "out"), stages, Settings(out=folder, effort=effort))
 
 
 def rows(result: Result) -> dict[str, dict[str, Any]]:
@@ -255,3 +249,9 @@ def test_the_example_runs_as_it_is(tmp_path: Path) -> None:
     result = made(tmp_path, example())
     assert result.status == "ok" and result.check is not None and result.check["verdict"] == "proved"
     assert (tmp_path / "out" / "report.html").is_file()
+
+
+def test_a_period_that_is_no_decimal_is_compared() -> None:
+    """The law's own period is stored as typed: 1/3, sqrt(2)/4."""
+    third, less = (Trial(name, "found", "proved", period=text) for name, text in (("a", "1/3"), ("b", "0.33")))
+    assert third.merit("max_period") > less.merit("max_period")

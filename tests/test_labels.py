@@ -7,14 +7,13 @@ import re
 from pathlib import Path
 
 import pytest
+from command import made
 
-from cdobs_cli.batch import Settings, run
 from cdobs_cli.certificate import Bound, Check, Claim
 from cdobs_cli.chart import Chart, Panel
-from cdobs_cli.cli import STAGES
 from cdobs_cli.errors import SpecError
 from cdobs_cli.labels import Labels
-from cdobs_cli.outcome import Job, Result
+from cdobs_cli.outcome import Result
 from cdobs_cli.spec.model import load
 
 SPEC = """\
@@ -32,11 +31,6 @@ simulation: {horizon: 6, initial_state: [0.4, -1], initial_estimate: [0, 0]}
 """
 LABELLED = SPEC.replace("  states: [theta, omega]", "  time_unit: min\n  states: {theta: rad, omega: rad/min}")
 assert LABELLED != SPEC
-
-
-def made(folder: Path, text: str, stages: tuple[str, ...] = STAGES) -> Result:
-    (folder / "s.yaml").write_text(text)
-    return run(Job(folder / "s.yaml", folder / "out"), stages, Settings(out=folder, effort=0))
 
 
 @pytest.fixture(scope="module")

@@ -18,6 +18,7 @@ import numpy as np
 from flint import arb
 from numpy.typing import NDArray
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.exact.budget import spend
 from cdobs_cli.exact.expression import Call, Expression, Number, Power, Variable, negated
 from cdobs_cli.exact.functions import exact_ball, fraction_ball, point_ball, power_ball
@@ -25,7 +26,6 @@ from cdobs_cli.exact.language import LANGUAGE, Function
 from cdobs_cli.exact.precision import precision
 from cdobs_cli.exact.shapes import Cornered, Kink, Monotone, Periodic
 
-Array = NDArray[np.float64]
 Ends = tuple[Array, Array]
 _BITS = 80
 _LINE = (-inf, inf)

@@ -137,6 +137,6 @@ def defined_claim(found: tuple[Definedness, ...], region: Region, what: str = "p
     left = {"proved": "", "refuted": f": {worst.condition} fails"}
     open_one = f": {worst.condition} could not be decided"
     return Claim(
-        "defined", "premise", worst.status, f"{what} is defined for {region.text()}{left.get(worst.status, open_one)}",
+        "defined", "premise", worst.status, f"{what} defined for {region.text()}{left.get(worst.status, open_one)}",
         "cdobs, the typed expression", required=True, method="branch and bound", witness=point_witness(worst.point),
     )  # fmt: skip

@@ -4,8 +4,7 @@
 
 lies in the closed convex hull of Dphi over the (convex) domain, jointly in all entries: at one point for all of them.
 Each entry is split into a sum of terms with rational coefficients; terms that always come in the same proportion are
-one
-function, and where the entries are fewer than the functions so found, entries themselves serve.
+one function, and where the entries are fewer than the functions so found, entries themselves serve.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from fractions import Fraction
 from flint import fmpq, fmpq_mat
 
 from cdobs_cli.exact.expression import ONE, ZERO, Call, Expression, ExpressionError, Number
-from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.exact.numbers import Exact, fmpq_fraction
 from cdobs_cli.exact.rational import TooLargeError, is_zero, quotients, simplify
 from cdobs_cli.plant import Entry, Plant
 
@@ -40,10 +39,6 @@ class Joint:
 
     functions: tuple[Shared, ...]
     offset: tuple[tuple[Entry, Exact], ...]
-
-    @property
-    def entries(self) -> frozenset[Entry]:
-        return frozenset((*(e for e, _ in self.offset), *(e for one in self.functions for e, _ in one.weights)))
 
     def slope(self, entry: Entry) -> Expression:
         """The entry as the functions make it."""
@@ -112,7 +107,7 @@ def _single(term: Expression) -> Terms:
     for piece in pieces:
         lead = piece.leading_coefficient()
         key = ring.quotient(piece / lead, denominator).expression()
-        terms[key] = terms.get(key, Fraction(0)) + Fraction(int(lead.p), int(lead.q))
+        terms[key] = terms.get(key, Fraction(0)) + fmpq_fraction(lead)
     return terms
 
 
@@ -140,9 +135,7 @@ def _functions(entries: Mapping[Entry, Terms]) -> list[Shared]:
         groups.setdefault(tuple(value / lead for value in values), []).append((term, lead))
     functions = []
     for column, members in groups.items():
-        function: Expression = ZERO
-        for term, lead in members:
-            function = function + (term if lead == 1 else Number(lead) * term)
+        function = _combined(members)
         weights = tuple((entry, weight) for entry, weight in zip(entries, column, strict=True) if weight)
         functions.append(Shared(simplify(function), weights))
     rows = fmpq_mat([[_fmpq(column[k]) for column in groups] for k in range(len(entries))])
@@ -156,12 +149,17 @@ def _of_entries(entries: Mapping[Entry, Terms], rows: fmpq_mat) -> list[Shared]:
     names = list(entries)
     functions = []
     for i, pivot in enumerate(pivots):
-        function: Expression = ZERO
-        for term, value in entries[names[pivot]].items():
-            function = function + (term if value == 1 else Number(value) * term)
-        weights = [(names[j], Fraction(int(reduced[i, j].p), int(reduced[i, j].q))) for j in range(len(names))]
+        function = _combined(entries[names[pivot]].items())
+        weights = [(names[j], fmpq_fraction(reduced[i, j])) for j in range(len(names))]
         functions.append(Shared(simplify(function), tuple((entry, weight) for entry, weight in weights if weight)))
     return functions
+
+
+def _combined(terms: Iterable[tuple[Expression, Fraction]]) -> Expression:
+    total: Expression = ZERO
+    for term, factor in terms:
+        total = total + (term if factor == 1 else Number(factor) * term)
+    return total
 
 
 def _fmpq(value: Fraction) -> fmpq:

@@ -8,15 +8,14 @@ from functools import reduce
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.bounds.ranges import Point, Range, value_at
 from cdobs_cli.bounds.region import Region
 from cdobs_cli.exact.budget import spend
 from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.exact.expression import Expression
 
-Array = NDArray[np.float64]
 _FIRST = 2048
 _ROUNDS = 12
 

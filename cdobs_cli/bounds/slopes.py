@@ -47,7 +47,7 @@ def slope_claims(plant: Plant) -> tuple[Claim, ...]:
     claims += [_joint_claim(plant, rho, region, judged) for rho in plant.slopes.joint]
     claims += [_output_claim(plant, at, slope, region, judged[plant.n + at[0]]) for at, slope in of_outputs(plant)]
     if not all(map(is_total, plant.functions)):
-        what = "phi" if plant.h is None else "phi and the outputs"
+        what = "phi is" if plant.h is None else "phi and the outputs are"
         claims.append(defined_claim(judged, region, what))
     if plant.domain:
         claims.append(domain_invariant(plant))

@@ -21,8 +21,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.bounds import boxes
-from cdobs_cli.bounds.boxes import Array, Ends, Evaluator, Jet
+from cdobs_cli.bounds.boxes import Ends, Evaluator, Jet
 from cdobs_cli.bounds.ranges import Point, Range, range_of
 from cdobs_cli.bounds.region import Region
 from cdobs_cli.exact.expression import Expression

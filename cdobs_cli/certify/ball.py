@@ -5,7 +5,6 @@ Nothing here trusts a float: floats choose where to look, balls decide.
 
 from __future__ import annotations
 
-from fractions import Fraction
 from typing import Any
 
 from flint import acb, acb_mat, arb
@@ -150,10 +149,3 @@ def null_space(M: Matrix) -> Matrix | None:
         return None
     columns = [[-reduced[pivots.index(j), f] if j in pivots else int(j == f) for f in free] for j in range(n)]
     return Matrix.from_rows(columns)
-
-
-def ball(value: Fraction) -> arb:
-    """The ball of a rational."""
-    from cdobs_cli.exact.functions import fraction_ball
-
-    return fraction_ball(value)

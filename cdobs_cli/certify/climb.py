@@ -10,9 +10,8 @@ from cdobs_cli.exact.numbers import ExactMatrix
 
 if TYPE_CHECKING:
     import numpy as np
-    from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from cdobs_cli.arrays import Array
 
 GAIN_DIGITS = 5
 _FIRST_STEP, _LAST_STEP = 0.2, 0.01

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from cdobs_cli.certificate import Bound, Check, Claim
+from cdobs_cli.certificate import CONVERGENCE, Bound, Check, Claim
 from cdobs_cli.design import Confinement
 from cdobs_cli.exact.numbers import Exact, text_below
 from cdobs_cli.plant import Domain, Plant
 from cdobs_cli.sampling import SamplingLaw
 
-CONVERGENCE = "convergence"
 _PERIODS = ("period_max", "period_max_any_gain", "period_max_at_rate")
 _CONSEQUENCES = ("decay_rate", "guaranteed_period")
 

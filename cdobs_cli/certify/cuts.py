@@ -11,9 +11,8 @@ import numpy as np
 from cdobs_cli.certify.lmi import Program, Solution, Unknown, full
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from cdobs_cli.arrays import Array
 
-    Array = NDArray[np.float64]
     Values = Mapping[str, Array]
 
 MOST_CORNERS = 4096

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from flint import arb, fmpq
 
-from cdobs_cli.certificate import Status
+from cdobs_cli.certify.ball import is_finite
 from cdobs_cli.exact.matrix import Matrix
 
 _TIGHT = Fraction(1, 10**10)
@@ -17,15 +17,13 @@ _TIGHT = Fraction(1, 10**10)
 
 @dataclass(frozen=True)
 class Definiteness:
-    """proved, or undecided (LDL' in balls cannot refute a sufficient condition's use); `margin` m > 0 with
-    M - m I > 0 proved, None otherwise."""
+    """`margin`: m >= 0 with M > 0 and M >= m I proved; None where nothing is (LDL' in balls refutes nothing)."""
 
-    status: Status
     margin: Fraction | None
 
     @property
     def proved(self) -> bool:
-        return self.status == "proved"
+        return self.margin is not None
 
 
 def has_positive_pivots(M: Matrix) -> bool:
@@ -51,18 +49,16 @@ def positive_definite(M: Matrix) -> Definiteness:
 
     The float eigenvalue only suggests which margin to try; the pivots decide.
     """
-    if not all(value.is_finite() for row in M.balls().tolist() for value in row):
-        return Definiteness("undecided", None)
     floats = M.floats
-    if not np.all(np.isfinite(floats)):
-        return Definiteness("undecided", None)
+    if not is_finite(M) or not np.all(np.isfinite(floats)):
+        return Definiteness(None)
     smallest = float(np.linalg.eigvalsh((floats + floats.T) / 2)[0])
     for share in (0.99, 0.5):
         if smallest > 0:
             margin = Fraction(share * smallest)
             if has_positive_pivots(M - Matrix.identity(M.shape[0]) * margin):
-                return Definiteness("proved", margin)
-    return Definiteness("proved", Fraction(0)) if has_positive_pivots(M) else Definiteness("undecided", None)
+                return Definiteness(margin)
+    return Definiteness(Fraction(0) if has_positive_pivots(M) else None)
 
 
 @dataclass(frozen=True)
@@ -79,7 +75,7 @@ def eigenvalue_range(M: Matrix, *, smallest: bool) -> Range:
     if not smallest:
         mirrored = eigenvalue_range(-M, smallest=True)
         return Range(-mirrored.high, -mirrored.low)
-    if not all(value.is_finite() for row in M.balls().tolist() for value in row):
+    if not is_finite(M):
         return Range(arb("-inf"), arb("inf"))
     values, vectors = np.linalg.eigh(M.floats)
     v = Matrix.from_floats(vectors[:, [0]])

@@ -32,9 +32,7 @@ from cdobs_cli.plant import Quantity
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from cdobs_cli.arrays import Array
 
 _ALL_CORNERS = 10  # up to 2^10 corners are all tried, beyond that an ascent picks some
 _PERIOD_WORDS = 6
@@ -166,25 +164,21 @@ def monodromy(maps: ErrorMaps[Matrix], word: Word) -> Matrix:
 
 def _admissible(inclusion: HybridInclusion, period: tuple[Arc, ...], w: tuple[Exact, ...]) -> bool:
     """Whether the slopes certainly lie in the box, and the arcs fill a period of the law."""
-    if not _within(w, inclusion.outputs):
+    if not are_within(w, inclusion.outputs):
         return False
-    if any(arc.length.sign() != 1 or not _within(arc.values, inclusion.quantities) for arc in period):
+    if any(arc.length.sign() != 1 or not are_within(arc.values, inclusion.quantities) for arc in period):
         return False
     length = period[0].length
     for arc in period[1:]:
         length = length + arc.length
-    return _at_most(inclusion.sampling.T_min, length) and _at_most(length, inclusion.sampling.T_max)
+    return inclusion.sampling.T_min.is_at_most(length) and length.is_at_most(inclusion.sampling.T_max)
 
 
-def _within(values: tuple[Exact, ...], quantities: tuple[Quantity, ...]) -> bool:
+def are_within(values: tuple[Exact, ...], quantities: tuple[Quantity, ...]) -> bool:
     """Whether each value certainly lies between the ends of its quantity."""
     if len(values) != len(quantities):
         return False
-    return all(_at_most(rho.lower, v) and _at_most(v, rho.upper) for v, rho in zip(values, quantities, strict=True))
-
-
-def _at_most(low: Exact, high: Exact) -> bool:
-    return low == high or (high - low).sign() in (0, 1)
+    return all(rho.lower.is_at_most(v) and v.is_at_most(rho.upper) for v, rho in zip(values, quantities, strict=True))
 
 
 def leaves_unseen(inclusion: HybridInclusion, values: tuple[Exact, ...], w: tuple[Exact, ...]) -> bool:
@@ -246,7 +240,7 @@ def _switching_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
 
     if not _finite(inclusion.floats):
         return
-    for proposal in propose(inclusion, effort, exponentials)[:4]:
+    for proposal in propose(inclusion, effort)[:4]:
         if proposal.radius < 1 - _SLACK:
             return
         periods = []
@@ -279,7 +273,7 @@ def _period_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
         periods = []
         for period in proposal.periods:
             T = Exact(decimal_text(period, 12))
-            ends = [end for end in (low, high) if end.sign() == 1 and not (_at_most(low, T) and _at_most(T, high))]
+            ends = [end for end in (low, high) if end.sign() == 1 and not (low.is_at_most(T) and T.is_at_most(high))]
             periods.append(min(ends, key=lambda end: abs(float(end) - period)) if ends else T)
         yield Word(tuple((Arc(T, ()),) for T in periods))
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, ClassVar, Protocol
 
-from cdobs_cli.certificate import Bound, Certificate, Check, Claim, Status, Witness
+from cdobs_cli.certificate import CONVERGENCE, Bound, Certificate, Check, Claim, Status, Witness
 from cdobs_cli.certify.bracket import smallest_refuted
 from cdobs_cli.certify.falsify import refute, slowest_decay
 from cdobs_cli.certify.levels import Level
@@ -23,7 +23,6 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text, lower_tex
 from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
 
-CONVERGENCE = "convergence"
 _UNSEEN = "unseen direction"
 
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Any
 
 from flint import arb
 
 from cdobs_cli.exact.matrix import Matrix
-from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, fraction_text
+from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, fmpq_fraction, fraction_text
 
 
 @dataclass(frozen=True)
@@ -115,7 +114,7 @@ def is_zero(value: Any) -> bool:
 
 def _decimal(value: Any, K: Matrix, digits: int) -> str:
     if K.is_rational:
-        exact = Fraction(int(value.p), int(value.q))
+        exact = fmpq_fraction(value)
         text = fraction_text(exact)
         return text if "/" not in text and len(text) <= 40 else decimal_text(exact, digits)
     return decimal_text(_float(value), digits)

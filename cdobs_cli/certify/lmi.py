@@ -16,10 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from cdobs_cli.design import SolverRecord
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from cdobs_cli.arrays import Array
 
 _LOG: ContextVar[list[SolverRecord] | None] = ContextVar("solver log", default=None)
 Cone = tuple[Literal["zero", "psd"], int]

@@ -16,10 +16,7 @@ from typing import TYPE_CHECKING
 from cdobs_cli.certify.floats import exponentials, spectral_radii
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from cdobs_cli.arrays import Array
 
 _LETTERS = (8, 14, 20, 28)  # periods of the grid, by effort
 _LONGEST = (4, 6, 8, 10)  # letters of a word

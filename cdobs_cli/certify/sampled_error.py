@@ -35,10 +35,6 @@ class SampledError:
         """r = rank J."""
         return self.X.shape[1]
 
-    def in_basis(self, S: Matrix) -> SampledError:
-        """The same for z = S z'."""
-        return SampledError(self.F, self.X @ S, S.inverse() @ self.Y, self.kept)
-
 
 def sampled_error(maps: ErrorMaps[Matrix], from_zero: bool) -> SampledError | None:
     """The sampled error of a linear loop.

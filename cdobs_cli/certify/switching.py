@@ -14,14 +14,12 @@ from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
+from cdobs_cli.certify.floats import exponentials
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from cdobs_cli.arrays import Array
 
 _SLOTS = (0, 12, 20, 32)  # slots a period, by effort
 _PERIODS = (0, 2, 3, 4)  # longest words, by effort
@@ -41,27 +39,21 @@ class Proposal:
     jumps: tuple[tuple[bool, ...], ...] = ()
 
 
-def propose(inclusion: HybridInclusion, effort: int, exponentials: Any) -> list[Proposal]:
-    """Words of one to several sampling periods with the largest spectral radii met, best first.
-
-    Args:
-        exponentials: exp of a stack of matrices, in floats.
-    """
+def propose(inclusion: HybridInclusion, effort: int) -> list[Proposal]:
+    """Words of one to several sampling periods with the largest spectral radii met, best first."""
     level = max(0, min(effort, 3))
     maps = inclusion.floats
     if level == 0 or not (maps.lower or maps.jump_lower):  # without slopes the periods alone are left: `period_words`
         return []
-    return propose_for(maps, list(_period_words(inclusion, _PERIODS[level])), level, exponentials)
+    return propose_for(maps, list(_period_words(inclusion, _PERIODS[level])), level)
 
 
-def propose_for(
-    maps: ErrorMaps[Array], words: list[tuple[Exact, ...]], level: int, exponentials: Any
-) -> list[Proposal]:
+def propose_for(maps: ErrorMaps[Array], words: list[tuple[Exact, ...]], level: int) -> list[Proposal]:
     """The same for maps in floats and given sampling periods of each word."""
     import numpy as np
 
     with np.errstate(all="ignore"):
-        search = _Search(maps, exponentials, _SLOTS[level])
+        search = _Search(maps, _SLOTS[level])
         found = [proposal for word in words for proposal in search.word(word, _STARTS[level])]
     return sorted(found, key=lambda proposal: -proposal.radius)
 
@@ -92,10 +84,10 @@ def _period_words(inclusion: HybridInclusion, longest: int) -> Iterator[tuple[Ex
 class _Search:
     """Policy iteration for one inclusion."""
 
-    def __init__(self, maps: ErrorMaps[Array], exponentials: Any, slots: int) -> None:
+    def __init__(self, maps: ErrorMaps[Array], slots: int) -> None:
         import numpy as np
 
-        self.maps, self.exponentials, self.slots = maps, exponentials, slots
+        self.maps, self.slots = maps, slots
         self.parts = np.array(maps.parts).reshape(-1, *maps.base.shape)  # (k, N, N)
         self.lower, self.upper = np.array(maps.lower, dtype=float), np.array(maps.upper, dtype=float)
         self.k, self.m = len(self.lower), len(maps.jump_lower)
@@ -172,7 +164,7 @@ class _Search:
 
         v = np.where(bits, self.upper, self.lower)
         flows = self.maps.base + np.einsum("sk,kij->sij", v, self.parts)
-        E = self.exponentials(flows * lengths[:, None, None])
+        E = exponentials(flows * lengths[:, None, None])
         N = flows.shape[-1]
         jumps, before_jump = self._jumps(at_jumps), []
         forward = [np.eye(N)]
@@ -234,7 +226,7 @@ class _Search:
             np.array([corner for _, corner in flat], dtype=bool).reshape(len(flat), self.k), self.upper, self.lower
         )
         flows = self.maps.base + np.einsum("sk,kij->sij", v, self.parts)
-        E = iter(self.exponentials(flows * np.array([length for length, _ in flat])[:, None, None]))
+        E = iter(exponentials(flows * np.array([length for length, _ in flat])[:, None, None]))
         M = np.eye(flows.shape[-1])
         for period, jump in zip(arcs, jumps, strict=True):
             for _ in period:

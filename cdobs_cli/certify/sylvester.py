@@ -10,12 +10,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from cdobs_cli.arrays import Array
     from cdobs_cli.exact.matrix import Matrix
-
-    Array = NDArray[np.float64]
 
 
 def is_observable(A: Matrix, C: Matrix) -> bool | None:

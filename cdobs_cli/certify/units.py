@@ -11,10 +11,7 @@ from typing import TYPE_CHECKING
 from cdobs_cli.hybrid import PlantView
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from cdobs_cli.arrays import Array
 
 # A loop that survives its sampling is slower than it: with states in these units the certificates of chains
 # of 7 and 8 integrators come out some thousand times better conditioned.

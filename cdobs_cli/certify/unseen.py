@@ -24,14 +24,13 @@ from fractions import Fraction
 from itertools import islice, product
 from typing import Any, TypeVar
 
-from flint import fmpq
-
 from cdobs_cli.certificate import Witness
 from cdobs_cli.certify.ball import is_hurwitz, null_space
+from cdobs_cli.certify.falsify import unobservable_subspace
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix, block
-from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, fraction_text, lower_text
+from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, fmpq_fraction, fraction_text, lower_text
 from cdobs_cli.exact.rational import is_zero, simplify
 from cdobs_cli.plant import Plant, Quantity
 from cdobs_cli.sampling import SamplingLaw
@@ -188,11 +187,7 @@ def _ratio(x: Exact, y: Exact) -> Fraction | None:
 
 def _always(F: Matrix, C: Matrix) -> tuple[Fraction, ...] | None:
     """An unobservable direction that does not decay."""
-    rows, power = C, C
-    for _ in range(F.shape[0] - 1):
-        power = power @ F
-        rows = block([[rows], [power]])
-    N = null_space(rows)
+    N = unobservable_subspace(F, C)
     if N is None:
         return None
     kept = (N.T @ N).solve(N.T @ F @ N)
@@ -240,12 +235,12 @@ def _spaces(F: Matrix) -> Iterator[tuple[Fraction, Fraction, Matrix]]:
     for factor, _ in factors:
         lead = factor[factor.degree()]
         if factor.degree() == 1:
-            a = _fraction(-factor[0] / lead)
+            a = fmpq_fraction(-factor[0] / lead)
             W = null_space(F - identity * a)
             w_squared = Fraction(0)
         elif factor.degree() == 2:
-            a = _fraction(-factor[1] / lead / 2)
-            w_squared = _fraction(factor[0] / lead) - a * a
+            a = fmpq_fraction(-factor[1] / lead / 2)
+            w_squared = fmpq_fraction(factor[0] / lead) - a * a
             shifted = F - identity * a
             W = null_space(shifted @ shifted + identity * w_squared)
         else:
@@ -311,13 +306,9 @@ def _unseen_in(E: Matrix, C: Matrix, F: Matrix, c: Exact, T: Exact, *, real: boo
 
 def _scaled(column: Matrix) -> tuple[Fraction, ...]:
     """The largest entry as 1."""
-    values = [_fraction(row[0]) for row in column.tolist()]
+    values = [fmpq_fraction(row[0]) for row in column.tolist()]
     top = max(values, key=abs)
     return tuple(value / top for value in values)
-
-
-def _fraction(value: fmpq) -> Fraction:
-    return Fraction(int(value.p), int(value.q))
 
 
 def _root(value: Fraction) -> Fraction | None:
@@ -329,7 +320,7 @@ def _root(value: Fraction) -> Fraction | None:
 
 
 def _at_most(low: Exact, high: Exact) -> bool:
-    return low == high or (high - low).sign() in (0, 1) or is_zero((high - low).expression)
+    return low.is_at_most(high) or is_zero((high - low).expression)
 
 
 def _short(value: Exact) -> str:

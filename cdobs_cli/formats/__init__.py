@@ -7,8 +7,6 @@ from importlib import import_module
 from cdobs_cli.errors import ExitCode
 from cdobs_cli.outcome import Result
 
-FORMATS = ("json", "junit", "sarif", "github")
-
 
 def render(name: str, command: str, results: list[Result], code: ExitCode) -> str:
     """The whole document of one command in the format `name`."""

@@ -66,19 +66,18 @@ def index_page(entries: Sequence[IndexEntry]) -> bytes:
     heads = [*(f'<button type="button">{column}</button>' for column in sortable), "picture"]
     head = "".join(f'<th scope="col">{column}</th>' for column in heads)
     count = f"{len(entries)} spec{'' if len(entries) == 1 else 's'}"
-    largest = max((end for entry in entries for end in _finite_ends(entry.bound)), default=1.0)
-    rows = "\n".join(_row(entry, largest) for entry in entries)
+    rows = "\n".join(map(_row, entries))
     body = (
         f"<h1>Observers</h1>\n<p>{count}: {escape(summary) or 'none'}.</p>\n"
         f'<table class="index"><thead><tr>{head}</tr></thead><tbody>\n{rows}\n</tbody></table>\n'
         '<p class="caption">Bracket: what is proved (solid) and what is refuted (hatched); '
-        "all bars share one scale.</p>"
+        "each bar ends a little beyond its own bracket.</p>"
     )
     # The small pictures are files beside the page, on a server or on a disk.
     return page("Observers", body, wide=True, script=_SORT, images="'self' file: data:").encode()
 
 
-def _row(entry: IndexEntry, largest: float) -> str:
+def _row(entry: IndexEntry) -> str:
     name = escape(entry.title or entry.name)
     link = f'<a href="{_address(entry.link)}">{name}</a>' if entry.link else name
     message = f'<br><span class="soft">{escape(entry.message)}</span>' if entry.message else ""
@@ -91,7 +90,7 @@ def _row(entry: IndexEntry, largest: float) -> str:
         (None, escape(entry.family.replace("_", " "))),
         (_RANK.get(entry.verdict, 9), status_badge(entry.verdict)),
         ("" if entry.holds is None else int(entry.holds), expected),
-        ("" if proved is None else repr(min(proved, 1e308)), _bracket(entry, largest)),
+        ("" if proved is None else repr(min(proved, 1e308)), _bracket(entry)),
         (None, picture),
     )
     keys = ("" if key is None else f' data-key="{escape(str(key))}"' for key, _ in cells)
@@ -102,22 +101,22 @@ def _address(path: str | None) -> str:
     return escape(quote(os.fsencode(path or "")))
 
 
-def _bracket(entry: IndexEntry, largest: float) -> str:
+def _bracket(entry: IndexEntry) -> str:
     if entry.bound is None or entry.bound_name is None:
         return ""
     text, title = escape(bracket_text(entry.bound)), escape(bound_title(entry.bound_name))
-    return f'{_bars(entry.bound, largest)}<strong>{text}</strong><br><span class="soft">{title}</span>'
+    return f'{_bars(entry.bound)}<strong>{text}</strong><br><span class="soft">{title}</span>'
 
 
-def _finite_ends(bound: Bound | None) -> list[float]:
-    ends = [float_or_none(text) for text in (bound.proved, bound.refuted)] if bound else []
+def _finite_ends(bound: Bound) -> list[float]:
+    ends = [float_or_none(text) for text in (bound.proved, bound.refuted)]
     return [end for end in ends if end is not None and math.isfinite(end) and end > 0]
 
 
-def _bars(bound: Bound, largest: float) -> str:
+def _bars(bound: Bound) -> str:
     """A bar from 0 to what is proved, hatched from what is refuted on."""
     width = 100.0
-    scale = width / (1.1 * largest)
+    scale = width / (1.1 * max(_finite_ends(bound), default=1.0))
     proved, refuted = float_or_none(bound.proved), float_or_none(bound.refuted)
     end = min(width, max(0.0, proved * scale)) if proved is not None else 0.0
     start = min(width, max(0.0, refuted * scale)) if refuted is not None else width

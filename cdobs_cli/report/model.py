@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from cdobs_cli.certificate import Bound, Check, Claim, Status
+from cdobs_cli.certificate import CONVERGENCE, Bound, Check, Claim, Status
 from cdobs_cli.chart import Chart, Exhibits
 from cdobs_cli.design import Design
 from cdobs_cli.labels import Labels
@@ -158,7 +158,7 @@ class Report:
     @property
     def convergence(self) -> Claim | None:
         """The one consequence that is required."""
-        return self.check.claim("convergence") if self.check else None
+        return self.check.claim(CONVERGENCE) if self.check else None
 
     @property
     def proof(self) -> Claim | None:

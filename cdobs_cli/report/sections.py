@@ -90,16 +90,13 @@ def _slopes(report: Report) -> tuple[Block, ...]:
     plant, rows = report.plant, list[tuple[Cell, ...]]()
     for i, j in plant.slopes.entries:
         key = f"{i + 1}.{j + 1}"
-        claim = report.check.claim(f"slopes.{key}") if report.check else None
         low, up = str(plant.slopes.lower[i, j]), str(plant.slopes.upper[i, j])
         declared = f"[{low}, {up}]"
         if (i, j) in plant.slopes.auto:
             ends = report.design.slopes.get(key)
             low, up = (end_text(ends[0], 8, up=False), end_text(ends[1], 8, up=True)) if ends else (NOTHING, NOTHING)
             declared = f"auto: [{low}, {up}]"
-        status: Cell = Mark(claim.status) if claim else "not checked"
-        margin = margin_text(claim.margin) if claim else NOTHING
-        rows.append((f"∂φ{i + 1}/∂{plant.states[j]}", declared, status, margin))
+        rows.append(_slope(report, f"∂φ{i + 1}/∂{plant.states[j]}", declared, key))
     rows += _output_slopes(report)
     if not rows:
         return (Paragraph("The plant is linear: no slope is claimed."),)
@@ -113,12 +110,16 @@ def _output_slopes(report: Report) -> list[tuple[Cell, ...]]:
     rows: list[tuple[Cell, ...]] = []
     for rho in report.plant.output_quantities:
         k, j = rho.entry
-        claim = report.check.claim(f"slopes.output.{k + 1}.{j + 1}") if report.check else None
         low, up = end_text(str(rho.lower), 8, up=False), end_text(str(rho.upper), 8, up=True)
-        status: Cell = Mark(claim.status) if claim else "not checked"
-        margin = margin_text(claim.margin) if claim else NOTHING
-        rows.append((f"∂y{k + 1}/∂{report.plant.states[j]}", f"auto: [{low}, {up}]", status, margin))
+        what, key = f"∂y{k + 1}/∂{report.plant.states[j]}", f"output.{k + 1}.{j + 1}"
+        rows.append(_slope(report, what, f"auto: [{low}, {up}]", key))
     return rows
+
+
+def _slope(report: Report, what: str, declared: str, key: str) -> tuple[Cell, ...]:
+    claim = report.check.claim(f"slopes.{key}") if report.check else None
+    status: Cell = Mark(claim.status) if claim else "not checked"
+    return what, declared, status, margin_text(claim.margin) if claim else NOTHING
 
 
 def _measurement(report: Report) -> Section:

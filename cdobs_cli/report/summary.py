@@ -6,7 +6,7 @@ from collections import Counter
 
 from cdobs_cli.certificate import Bound, Status
 from cdobs_cli.report.model import Report
-from cdobs_cli.report.numbers import end_text, ends_text, unit_text
+from cdobs_cli.report.numbers import ends_text, margin_text, unit_text
 
 MAX_LISTED = 12
 
@@ -60,7 +60,7 @@ def _claim_lines(report: Report) -> list[str]:
     lines = ["  claims: " + ", ".join(f"{counts[status]} {status}" for status in order if counts[status])]
     open_claims = [claim for claim in report.check.claims if claim.status != "proved"]
     for claim in open_claims[:MAX_LISTED]:
-        margin = f" (margin {end_text(claim.margin, 4, up=False)})" if claim.margin is not None else ""
+        margin = f" (margin {margin_text(claim.margin)})" if claim.margin is not None else ""
         lines.append(f"  {claim.status} {claim.id}: {' '.join(claim.statement.split())}{margin}")
     if len(open_claims) > MAX_LISTED:
         lines.append(f"  and {len(open_claims) - MAX_LISTED} more")

@@ -16,6 +16,7 @@ from cdobs_cli.plant import Domain, Interval
 from cdobs_cli.run import Departure
 from cdobs_cli.simulate.loop import stacked
 
+LARGEST = float(np.finfo(float).max)  # stands for infinity, which JSON does not have
 _ROUNDING = 1e-9  # of the larger end of an interval, and of a condition `w >= 0`: beyond it by less is on it
 _WAY_BACK = 1e-12  # what a change of coordinates and back may add
 
@@ -123,6 +124,5 @@ class Departures:
             return None
         which = int(self.which[run])
         limit, beyond = self.limits.limits[which], self.beyond[which, run]
-        largest = float(np.finfo(float).max)  # JSON has no infinity
-        value, beyond = (float(np.clip(one, -largest, largest)) for one in (self.value[run], beyond))
+        value, beyond = (float(np.clip(one, -LARGEST, LARGEST)) for one in (self.value[run], beyond))
         return Departure(limit.what, float(self.first[run]), value, limit.text, beyond)

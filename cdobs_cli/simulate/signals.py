@@ -108,14 +108,13 @@ class Signals:
         """Whether an input is a function of the last measurement."""
         return any(name.startswith("y.") for signal in self.continuous.values() for name in signal.variables)
 
-    def refuse_outside(self, names: Iterable[str], t: Array, values: Mapping[str, Array]) -> None:
+    def refuse_outside(self, t: Array, values: Mapping[str, Array]) -> None:
         """Raises: SpecError at the first time a signal is outside its declared interval.
 
         t (P,); values by name (P,).
         """
-        wanted = set(names)
         for interval in self.ranges:
-            if interval.name not in wanted:
+            if interval.name not in values:
                 continue
             value = values[interval.name]
             inside = interval.holds(value)
@@ -168,7 +167,7 @@ class Noise:
         """Noise of sample number `index` of each given run, at its time: shape (p, len(runs)), or (0, ..)."""
         drawn = [self.draws.at("noise", kind, channel, runs, index) for channel, kind in enumerate(self.signals.draws)]
         values = [np.broadcast_to(value, t.shape) for value in self._values(t, *drawn)]
-        self.signals.refuse_outside(self.signals.noise, t, dict(zip(self.signals.noise, values, strict=True)))
+        self.signals.refuse_outside(t, dict(zip(self.signals.noise, values, strict=True)))
         return np.array(values).reshape(len(values), len(t))
 
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from cdobs_cli.arrays import Array
 from cdobs_cli.run import Departure, Run, RunSummary, Trajectory
+from cdobs_cli.simulate.departure import LARGEST
 from cdobs_cli.simulate.loop import ClosedLoop, View
 from cdobs_cli.simulate.record import Record
 from cdobs_cli.simulate.watch import Watch
 
-LARGEST = float(np.finfo(float).max)  # stands for infinity, which JSON does not have
 ENCLOSURE_ROUNDING = 1e-9  # of the largest value met: a state outside its bounds by less is on them
 
 
@@ -23,7 +23,7 @@ def summarise(loop: ClosedLoop, watch: Watch, record: Record, final_t: Array, fi
     points, measurements = record.points(final_t, final_y, final_held), record.measurements(len(final_t))
     for run, ((t, y, held), (t_k, y_k)) in enumerate(zip(points, measurements, strict=True)):
         seen = loop.see(t, y, held)
-        loop.signals.refuse_outside(seen.signals, t, seen.signals)
+        loop.signals.refuse_outside(t, seen.signals)
         inputs = {source.name: seen.signals[source.name] for source in loop.plant.inputs}
         inputs |= {name: seen.signals[name] for name in loop.signals.continuous if name not in inputs}
         estimates = {name: rows.T for name, rows in seen.estimates.items()}

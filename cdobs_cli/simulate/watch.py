@@ -39,7 +39,7 @@ class Watch:
             SpecError: a signal outside its declared interval.
         """
         seen = self.loop.see(t, y, held)
-        self.loop.signals.refuse_outside(seen.signals, t, seen.signals)
+        self.loop.signals.refuse_outside(t, seen.signals)
         finite = np.isfinite(y).all(axis=0)
         error = distance(seen)
         near = finite if error is None else finite & (error <= self.limit[runs])

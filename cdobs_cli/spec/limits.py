@@ -16,16 +16,16 @@ from cdobs_cli.exact.numbers import Exact, decimal_text
 from cdobs_cli.fields import LARGEST
 from cdobs_cli.plant import Domain, Interval, Plant, TypedDynamics
 from cdobs_cli.run import SimulationPlan
+from cdobs_cli.spec.reader import FieldPath
 
 PIECES = 16  # of the horizon, over which a signal is enclosed
 _RANGE_COST = 30  # operations, for each node of an expression
-At = tuple[str | int, ...]
 Piece = tuple[Fraction, Fraction]
 
 
 def limit_problems(plant: Plant | TypedDynamics, plan: SimulationPlan) -> Iterator[Problem]:
     """Of a simulation typed in the plant's own states."""
-    at: At = ("simulation",)
+    at: FieldPath = ("simulation",)
     domain, names = plant.domain, plant.states
     if plan.initial_state is not None:
         yield from _outside(domain, names, plan.initial_state, (*at, "initial_state"))
@@ -34,7 +34,7 @@ def limit_problems(plant: Plant | TypedDynamics, plan: SimulationPlan) -> Iterat
     for name, interval in declared_ranges(plant).items():
         if name in plan.signals:
             letter, _, index = name.partition(".")
-            signal: At = (*at, "signals", letter, *((int(index),) if index else ()))
+            signal: FieldPath = (*at, "signals", letter, *((int(index),) if index else ()))
             yield from _signal_outside(plan.signals[name], interval, plan.horizon, signal)
 
 
@@ -54,7 +54,7 @@ def is_outside(value: Exact, interval: Interval) -> bool:
     return below or (interval.upper is not None and (interval.upper - value).sign() == -1)
 
 
-def _outside(domain: Domain, names: Sequence[str], x: Sequence[Exact], at: At) -> Iterator[Problem]:
+def _outside(domain: Domain, names: Sequence[str], x: Sequence[Exact], at: FieldPath) -> Iterator[Problem]:
     for i, (name, value) in enumerate(zip(names, x, strict=True)):
         interval = domain.box.get(name)
         if interval is not None and is_outside(value, interval):
@@ -65,7 +65,9 @@ def _outside(domain: Domain, names: Sequence[str], x: Sequence[Exact], at: At) -
             yield Problem(at, "lies outside the domain", f"{condition} = {value}", f"{condition} >= 0")
 
 
-def _box_outside(domain: Domain, names: Sequence[str], ends: tuple[Sequence[Exact], ...], at: At) -> Iterator[Problem]:
+def _box_outside(
+    domain: Domain, names: Sequence[str], ends: tuple[Sequence[Exact], ...], at: FieldPath
+) -> Iterator[Problem]:
     for side, end in zip(("lower", "upper"), ends, strict=True):
         yield from _outside(Domain(domain.box), names, end, (*at, side))
     for condition in domain.where:
@@ -79,7 +81,7 @@ def _value(condition: Expression, names: Sequence[str], x: Sequence[Exact]) -> E
     return Exact(condition.substitute({name: one.expression for name, one in zip(names, x, strict=True)}))
 
 
-def _signal_outside(signal: Expression, interval: Interval, horizon: Exact, at: At) -> Iterator[Problem]:
+def _signal_outside(signal: Expression, interval: Interval, horizon: Exact, at: FieldPath) -> Iterator[Problem]:
     what = "the signal leaves its declared interval"
     try:
         if not signal.variables and not is_random(signal):

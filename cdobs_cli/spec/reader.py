@@ -80,10 +80,7 @@ class Document:
 
     def graft(self, at: FieldPath, other: Document) -> None:
         """Put another file's content in the place of the value at `at`."""
-        container = self.root
-        for part in at[:-1]:
-            container = container[part]
-        container[at[-1]] = other.root
+        self.value(at[:-1])[at[-1]] = other.root
         for path in [path for path in self.values if path[: len(at)] == at and len(path) > len(at)]:
             del self.values[path]
             self.keys.pop(path, None)

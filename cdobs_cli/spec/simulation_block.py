@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar
 
@@ -12,7 +11,7 @@ from cdobs_cli.errors import Problem
 from cdobs_cli.exact.expression import Call, Expression, Number, Variable
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.exact.parser import CONSTANTS, TYPED_FUNCTIONS
-from cdobs_cli.fields import PositiveNumber, Vector, context, formula, read_expression, sized, wrong
+from cdobs_cli.fields import NAME, PositiveNumber, Vector, context, formula, read_expression, sized, wrong
 from cdobs_cli.run import ESTIMATE, SimulationPlan
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.spec.block import Block, unknown_key
@@ -34,7 +33,7 @@ def _input_signal(value: Any, info: ValidationInfo) -> Expression:
     if isinstance(value, bool) or not isinstance(value, int | str):
         raise wrong("an expression is expected")
     text, parameters = str(value), context(info, "parameters") or {}
-    written = _NAME.findall(text)
+    written = NAME.findall(text)
     states, inputs, outputs = (context(info, name) for name in ("states", "inputs", "outputs"))
     for name in written:
         if name in (inputs or ()) and name not in TYPED_FUNCTIONS:
@@ -51,7 +50,6 @@ def _input_signal(value: Any, info: ValidationInfo) -> Expression:
 
 
 _READ = "the estimate (by the names of the states) and the last measurement y (y1, y2, .. of several)"
-_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 InputSignal = Annotated[
     Expression,
     PlainValidator(_input_signal),

@@ -17,6 +17,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from flint import arb, arb_mat
 
+from cdobs_cli.certify.falsify import are_within
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import Exact
@@ -114,11 +115,7 @@ class Face:
         """Whether its slopes lie in the plant's box and its period in the law."""
         quantities = plant.slopes.quantities
         return (
-            len(self.slopes) == len(quantities)
-            and all(
-                rho.lower.is_at_most(v) and v.is_at_most(rho.upper)
-                for rho, v in zip(quantities, self.slopes, strict=True)
-            )
+            are_within(self.slopes, quantities)
             and self.period.sign() == 1
             and law.contains(SamplingLaw.periodic(self.period))
             and (self.kind, self.order) in set(kinds(plant.n))

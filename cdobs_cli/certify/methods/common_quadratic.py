@@ -41,9 +41,7 @@ from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import fraction_text
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from cdobs_cli.arrays import Array
 
 T_ = TypeVar("T_")
 
@@ -106,10 +104,6 @@ class CommonQuadratic(Method):
         if error.kept is not None and not form.falls_at_zero():
             return NOTHING
         return Proof.of(covered(form.falls, *law_ends(self.law)), sigma)
-
-    @classmethod
-    def longest(cls, question: Question) -> Self | None:
-        return longest_aperiodic(cls.propose, question)
 
 
 def is_linear_loop(question: Question) -> bool:

@@ -23,7 +23,7 @@ import numpy as np
 from cdobs_cli.certify.cover import covered, law_ends
 from cdobs_cli.certify.floats import exponentials, spectral_radii
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question
-from cdobs_cli.certify.methods.common_quadratic import is_linear_loop, longest_aperiodic, sampled_loop
+from cdobs_cli.certify.methods.common_quadratic import is_linear_loop, sampled_loop
 from cdobs_cli.certify.sampled_error import SampledError
 from cdobs_cli.certify.taylor import ORDER, bernstein_weights, exponential
 from cdobs_cli.certify.texts import rate_of, rational
@@ -31,9 +31,7 @@ from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import decimal_text, fraction_text
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from cdobs_cli.arrays import Array
 
 _DIGITS = 9
 _MOST = 240  # vertices of half a polygon
@@ -79,10 +77,6 @@ class Polygon(Method):
         vertices = [[decimal_text(float(value), _DIGITS) for value in point] for point in half]
         polygon = cls(question.law, fraction_text(question.rate), vertices)
         return polygon if polygon.prove(question).holds else None
-
-    @classmethod
-    def longest(cls, question: Question) -> Self | None:
-        return longest_aperiodic(cls.propose, question)
 
     def _prove(self, question: Question) -> Proof:
         sigma, error = rate_of(self.sigma), sampled_loop(question)

@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
-from cdobs_cli.certify import search
 from cdobs_cli.certify.ball import has_spectral_radius_below
 from cdobs_cli.certify.linear import is_linear, stable_interval
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question
@@ -49,11 +48,7 @@ class SpectralRadius(Method):
 
     @classmethod
     def longest(cls, question: Question) -> Self | None:
-        """The end of the proved interval of periods that holds the question's own, or else of the first one."""
+        """At rate 0: the end of the proved interval of periods that holds the question's own, else of the first."""
         T = question.law.T_max
         chosen = stable_interval(question.inclusion, float(T), float(T) / 1000, float(T) * 20)
-        if chosen is None:
-            return None
-        if question.rate == 0:
-            return cls.propose(question.at(chosen.high))
-        return search.longest(lambda T: cls.propose(question.at(T)), T, search.tolerance(3))
+        return None if chosen is None else cls.propose(question.at(chosen.high))

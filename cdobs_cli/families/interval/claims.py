@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from flint import arb
 
-from cdobs_cli.certificate import Bound, Check, Claim, Status, Witness
+from cdobs_cli.certificate import CONVERGENCE, Bound, Check, Claim, Status, Witness
 from cdobs_cli.design import Design
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, lower_text, upper_text
@@ -69,7 +69,7 @@ def unlike_spec(family: Interval, design: Design) -> str | None:
 
 def _convergence(status: Status, statement: str, by: str | None = None, witness: Witness | None = None) -> Claim:
     source = f"{SOURCE}, Theorem 1"
-    return Claim("convergence", "consequence", status, statement, source, required=True, by=by, witness=witness)
+    return Claim(CONVERGENCE, "consequence", status, statement, source, required=True, by=by, witness=witness)
 
 
 def _consequence(a: Analysis, parts: dict[str, Status]) -> Claim:

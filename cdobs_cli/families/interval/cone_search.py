@@ -14,11 +14,11 @@ from typing import TypeVar
 
 import numpy as np
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.families.interval.cone import Cone, rays_of
 from cdobs_cli.families.interval.errors import ErrorSystem
 from cdobs_cli.families.interval.hull import falling_weights
-from cdobs_cli.families.interval.parts import Array
 from cdobs_cli.sampling import SamplingLaw
 
 C = TypeVar("C", bound=Cone)

@@ -12,10 +12,11 @@ from itertools import product
 
 import numpy as np
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.certificate import Witness
 from cdobs_cli.exact.numbers import Exact, decimal_text
 from cdobs_cli.families.interval.crossing import Crossing, refutes
-from cdobs_cli.families.interval.parts import Array, both_sides
+from cdobs_cli.families.interval.parts import both_sides
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.sampling import SamplingLaw
 

@@ -13,12 +13,12 @@ from fractions import Fraction
 
 import numpy as np
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.certify import search
 from cdobs_cli.certify.floats import exponentials
 from cdobs_cli.certify.sylvester import residual, sylvester_rows
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.interval.hurwitz import final_width
-from cdobs_cli.families.interval.parts import Array
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.families.interval.theorems import Coordinates, coordinates, error_flow, width_matrix
 from cdobs_cli.plant import Plant

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from flint import arb
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.families.interval.held import flows, growth
-from cdobs_cli.families.interval.parts import Array, both_sides, identity_like, zeros_like
+from cdobs_cli.families.interval.parts import both_sides, identity_like, zeros_like
 from cdobs_cli.families.interval.theorems import Coordinates, coordinates, error_flow
 from cdobs_cli.hybrid import ErrorMaps, PlantView
 

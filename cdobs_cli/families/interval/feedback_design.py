@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.certify.floats import spectral_radii
 from cdobs_cli.certify.lmi import Program, full
 from cdobs_cli.certify.lmi import symmetric as symmetric_unknown
@@ -16,7 +17,6 @@ from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.families.interval.held import held_maps
 from cdobs_cli.families.interval.held_loop import HeldLoop
 from cdobs_cli.families.interval.method import Gain, largest_margin
-from cdobs_cli.families.interval.parts import Array
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.families.interval.theorems import held_derivative, theorem_2_functional
 

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 from flint import arb
-from numpy.typing import NDArray
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.certificate import Witness
 from cdobs_cli.certify.ball import spectral_radius_lower
 from cdobs_cli.certify.cover import covered
@@ -23,8 +23,6 @@ from cdobs_cli.exact.functions import fraction_ball, hull
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import arb_fraction, lower_text
 from cdobs_cli.sampling import SamplingLaw
-
-Array = NDArray[np.float64]
 
 
 def growth(A: Matrix, closed: Matrix, s: arb) -> Matrix:

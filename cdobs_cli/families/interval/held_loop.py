@@ -19,6 +19,7 @@ from typing import Any, Self
 import numpy as np
 from flint import arb
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.certificate import Witness
 from cdobs_cli.certify import search
 from cdobs_cli.certify.ball import eigenvalues
@@ -34,7 +35,7 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.interval.errors import error_maps
 from cdobs_cli.families.interval.held import flows, growth, growth_and_slope, holds_under, tried_periods
 from cdobs_cli.families.interval.method import DIGITS, Part, between, largest_margin
-from cdobs_cli.families.interval.parts import Array, identity_like, symmetrised, zeros_like
+from cdobs_cli.families.interval.parts import identity_like, symmetrised, zeros_like
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, PlantView
 from cdobs_cli.sampling import SamplingLaw

@@ -19,6 +19,7 @@ from typing import Self
 import numpy as np
 from flint import arb
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.certificate import Witness
 from cdobs_cli.certify import search
 from cdobs_cli.certify.lmi import Program, diagonal, full
@@ -39,7 +40,7 @@ from cdobs_cli.families.interval.held import (
     tried_periods,
 )
 from cdobs_cli.families.interval.method import DIGITS, Part, largest_margin
-from cdobs_cli.families.interval.parts import Array, absolute, entries, highest, lower_of
+from cdobs_cli.families.interval.parts import absolute, entries, highest, lower_of
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.families.interval.theorems import width_flow
 from cdobs_cli.sampling import SamplingLaw

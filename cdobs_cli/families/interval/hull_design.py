@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.certify import search
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.exact.numbers import ExactMatrix
@@ -22,7 +23,6 @@ from cdobs_cli.families.interval.design import S_DIGITS, Search, climb
 from cdobs_cli.families.interval.held import held_maps
 from cdobs_cli.families.interval.hull import Hull
 from cdobs_cli.families.interval.method import Gain
-from cdobs_cli.families.interval.parts import Array
 from cdobs_cli.families.interval.system import singular
 from cdobs_cli.sampling import SamplingLaw
 

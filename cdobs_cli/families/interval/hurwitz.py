@@ -19,13 +19,14 @@ from typing import Any, Self
 import numpy as np
 from flint import arb
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.certificate import Witness
 from cdobs_cli.certify.methods.base import Proof, Question
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import ExactMatrix, lower_text
 from cdobs_cli.families.interval.held import contracts, growing_period, growth_and_slope
 from cdobs_cli.families.interval.method import DIGITS, Part
-from cdobs_cli.families.interval.parts import Array, absolute, solve
+from cdobs_cli.families.interval.parts import absolute, solve
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.families.interval.theorems import Coordinates, width_flow, width_matrix
 from cdobs_cli.sampling import SamplingLaw

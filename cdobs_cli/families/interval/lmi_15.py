@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 from flint import arb
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.certify import search
 from cdobs_cli.certify.ball import spectral_radius_lower
 from cdobs_cli.certify.definite import has_positive_pivots
@@ -19,7 +20,7 @@ from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.families.interval.hurwitz import Hurwitz
 from cdobs_cli.families.interval.method import DIGITS, Part, between, largest_margin
-from cdobs_cli.families.interval.parts import Array, symmetrised
+from cdobs_cli.families.interval.parts import symmetrised
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.families.interval.theorems import Coordinates, lmi_15, paper_flow
 from cdobs_cli.sampling import SamplingLaw

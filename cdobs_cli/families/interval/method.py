@@ -8,12 +8,12 @@ from dataclasses import dataclass, fields
 from fractions import Fraction
 from typing import Any, Self, TypeVar
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify import search
 from cdobs_cli.certify.lmi import Program
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
-from cdobs_cli.families.interval.parts import Array
 
 P = TypeVar("P", bound="Part")
 Gain = Mapping[str, ExactMatrix]

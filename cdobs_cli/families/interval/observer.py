@@ -16,7 +16,7 @@ from flint import arb
 from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ZERO, Expression, Number, Variable, call
 from cdobs_cli.exact.matrix import Matrix
-from cdobs_cli.exact.numbers import ExactMatrix, arb_fraction, decimal_text
+from cdobs_cli.exact.numbers import ExactMatrix, arb_fraction, decimal_text, fmpq_fraction
 from cdobs_cli.families.interval.errors import error_maps
 from cdobs_cli.families.interval.held_loop import closed_maps
 from cdobs_cli.families.interval.parts import absolute, metzler_split, negative_part, positive_part
@@ -148,7 +148,7 @@ def numbers(M: Matrix) -> Equations:
 
 def _number(value: Any) -> Expression:
     if not isinstance(value, arb):
-        exact = Fraction(int(value.p), int(value.q))
+        exact = fmpq_fraction(value)
         return Number(exact) if exact.denominator < 10**_DIGITS else Number(Fraction(decimal_text(exact, _DIGITS)))
     if value.contains(0) and value.abs_upper() < arb(10) ** -30:
         return ZERO

@@ -12,11 +12,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from flint import arb
-from numpy.typing import NDArray
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.exact.matrix import Matrix, block
 
-Array = NDArray[np.float64]
 M: TypeAlias = Any  # a numpy array or a Matrix
 
 

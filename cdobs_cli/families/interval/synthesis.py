@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.certify import search
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.sylvester import is_observable
@@ -24,7 +25,7 @@ from cdobs_cli.families.interval.hurwitz import Hurwitz, final_width
 from cdobs_cli.families.interval.lmi_15 import Lmi15
 from cdobs_cli.families.interval.method import Gain, between
 from cdobs_cli.families.interval.observer import inclusion
-from cdobs_cli.families.interval.parts import Array, entries
+from cdobs_cli.families.interval.parts import entries
 from cdobs_cli.families.interval.system import System, singular
 from cdobs_cli.families.interval.theorem_2 import Theorem2
 from cdobs_cli.plant import Plant

@@ -16,6 +16,7 @@ from typing import Self
 import numpy as np
 from flint import arb
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.certificate import Witness
 from cdobs_cli.certify import search
 from cdobs_cli.certify.ball import frobenius
@@ -26,7 +27,7 @@ from cdobs_cli.exact.functions import fraction_ball, hull
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, lower_text, upper_text
 from cdobs_cli.families.interval.method import DIGITS, Part, between
-from cdobs_cli.families.interval.parts import Array, negative_part, positive_part, symmetrised
+from cdobs_cli.families.interval.parts import negative_part, positive_part, symmetrised
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.families.interval.theorems import (
     ObserverLoop,

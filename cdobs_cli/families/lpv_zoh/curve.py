@@ -15,7 +15,7 @@ from cdobs_cli.certify.climb import GAIN_DIGITS
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.rung import GENERAL, One, fastest
 from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger
-from cdobs_cli.certify.methods.wirtinger.design import HeldSynthesis
+from cdobs_cli.certify.methods.wirtinger.design import HeldSynthesis, size
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.sampling import SamplingLaw
 
@@ -64,7 +64,7 @@ class Curve:
 def gain_curve(question: Question) -> Curve:
     """Points (period, rate) up to the question's period, each proved when it was found; empty for large plants."""
     plant, T, law = question.plant, float(question.law.T_max), question.law
-    if (plant.n + plant.p) ** 3 * 2 ** len(plant.slopes.quantities) > _LARGEST:
+    if size(plant) > _LARGEST:
         return Curve()
     shares = np.geomspace(0.15, 1.0, _POINTS)
     periods = [search.short(share * T, 6) for share in shares]

@@ -36,12 +36,12 @@ def exhibits(family: LpvZeroOrderHold, plant: Plant, design: Design, check: Chec
 
 def _numbers(family: LpvZeroOrderHold, plant: Plant, design: Design) -> list[Table]:
     """What Theorem 1 and Remark 2 compute from the printed (P, Y) at the period of the law."""
-    from cdobs_cli.families.lpv_zoh.printed import evaluate, scalar
+    from cdobs_cli.families.lpv_zoh.printed import evaluate
     from cdobs_cli.families.lpv_zoh.printed_claims import printed_data
 
     tables = []
     for prefix, where, data in printed_data(family, plant, design):
-        numbers = evaluate(data, scalar(design.sampling.T_max)).document()
+        numbers = evaluate(data, design.sampling.T_max.scalar).document()
         rows = tuple((name, low, high) for name, (low, high) in numbers.items())
         caption = (
             f"Theorem 1 and Remark 2 of Boukal2020 as printed, {where}. delta is the least with beta < alpha_2; "

@@ -13,21 +13,19 @@ from cdobs_cli.certify.gains import Candidate, GainSearch, NoDesignError
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.rung import Rung, fastest, rate_over
 from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger
-from cdobs_cli.certify.methods.wirtinger.design import HeldSynthesis
+from cdobs_cli.certify.methods.wirtinger.design import HeldSynthesis, size
 from cdobs_cli.certify.units import Units
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
-from cdobs_cli.families.lpv_zoh.search_plan import CLOCK, headline, size
+from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold
+from cdobs_cli.families.lpv_zoh.search_plan import CLOCK, headline
 from cdobs_cli.hybrid import PlantView
 from cdobs_cli.plant import Plant
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from cdobs_cli.arrays import Array
 
-    Array = NDArray[np.float64]
-
-# Under max_period the rate is at least this over the period: a design on the edge converges never.
-RATE_SHARE = 0.002
-
+# A design on the edge converges never.
+RATE_SHARE = LpvZeroOrderHold.rate_share
 
 # Periods over the one asked for, and parts of their gains, where slopes of the outputs that vary leave less.
 _SLOWER = {1: (1.0, 0.5, 0.35, 0.25, 0.1), 4: (1.0, 0.3), 20: (1.0, 0.3), 100: (1.0,), 1000: (1.0,)}

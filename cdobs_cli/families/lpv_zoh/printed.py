@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import reduce
 from typing import Any
 
 from flint import arb, fmpq
@@ -19,12 +20,6 @@ from cdobs_cli.families.lpv_zoh import theorems
 
 SOURCE = "Boukal2020, Theorem 1"
 _DOUBLINGS = 40
-
-
-def scalar(number: Exact) -> Any:
-    """A rational of flint where the number is rational, else its ball."""
-    rational = number.rational
-    return number.ball() if rational is None else fmpq(rational.numerator, rational.denominator)
 
 
 @dataclass(frozen=True)
@@ -62,21 +57,13 @@ class Printed:
     def mu(self, tau_max: Any, delta: Any) -> Range:
         """The largest mu with (26) at every vertex, enclosed (negative where (26) fails for every mu > 0)."""
         ranges = [eigenvalue_range(-self.lmi_26(tau_max, delta, 0, A_i), smallest=True) for A_i in self.vertices]
-        return Range(_least([arb(r.low) for r in ranges]), _least([arb(r.high) for r in ranges]))
+        return Range(reduce(arb.min, [arb(r.low) for r in ranges]), reduce(arb.min, [arb(r.high) for r in ranges]))
 
     def lambda_min(self) -> Range:
         return eigenvalue_range(self.P, smallest=True)
 
     def lambda_max(self) -> Range:
         return eigenvalue_range(self.P, smallest=False)
-
-
-def _least(values: list[arb]) -> arb:
-    """An enclosure of the least value."""
-    least = values[0]
-    for value in values[1:]:
-        least = least.min(value)
-    return least
 
 
 @dataclass(frozen=True)
@@ -206,7 +193,7 @@ def tau_max_bound(printed: Printed) -> Bound:
 
 def claims(printed: Printed, tau_max: Exact, prefix: str, where: str) -> list[Claim]:
     """Each printed condition as a claim of its own. `where` names the vertices in the sentences."""
-    tau = scalar(tau_max)
+    tau = tau_max.scalar
     numbers = evaluate(printed, tau)
     data = numbers.document()
     made = []

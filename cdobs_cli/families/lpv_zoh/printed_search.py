@@ -11,13 +11,11 @@ from cdobs_cli.certify.lmi import Program, full, symmetric
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.families.lpv_zoh import theorems
-from cdobs_cli.families.lpv_zoh.printed import SOURCE, Printed, scalar, side_conditions
+from cdobs_cli.families.lpv_zoh.printed import SOURCE, Printed, side_conditions
 from cdobs_cli.families.lpv_zoh.structure import is_class_16
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from cdobs_cli.arrays import Array
 
 _DIGITS = 9
 _SIZES = (1e-3, 1e2)
@@ -84,4 +82,4 @@ class PrintedTheorem1(Method):
         data = Printed.of(P, Y, question.gain("L"), view.C, view.vertices)
         if data is None:
             return NOTHING
-        return Proof.of(side_conditions(data, scalar(self.law.T_max)) == "proved")
+        return Proof.of(side_conditions(data, self.law.T_max.scalar) == "proved")

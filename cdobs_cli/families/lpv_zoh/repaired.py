@@ -16,15 +16,12 @@ from cdobs_cli.certify.units import Units
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix, decimal_text
 from cdobs_cli.families.lpv_zoh import theorems
-from cdobs_cli.families.lpv_zoh.printed import scalar
 from cdobs_cli.families.lpv_zoh.structure import is_class_16
 from cdobs_cli.hybrid import PlantView
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from cdobs_cli.arrays import Array
 
 _DIGITS = 12
 _ALPHAS = (0.003, 0.9)  # alpha tau_max < 1
@@ -82,7 +79,7 @@ class Repaired(Method):
             return NOTHING
         view, P = question.inclusion.view_balls, ExactMatrix(self.P).balls()
         L = view.gain["L"]
-        tau, alpha, beta = scalar(self.law.T_max), scalar(Exact(self.alpha)), scalar(Exact(self.beta))
+        tau, alpha, beta = self.law.T_max.scalar, Exact(self.alpha).scalar, Exact(self.beta).scalar
         if P.shape != view.A.shape or P.T.data != P.data or not 0 < beta < alpha or not alpha * tau < 1:
             return NOTHING
         R, one = Matrix.from_rows([[int(j == 1) for j in range(question.plant.n)]]), Matrix.identity(1)

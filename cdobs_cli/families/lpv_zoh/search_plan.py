@@ -16,6 +16,7 @@ from cdobs_cli.certify.methods.any_gain import NoGain
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.rung import GENERAL, One, Rung, longest_at
 from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger
+from cdobs_cli.certify.methods.wirtinger.design import size
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.families.lpv_zoh.curve import gain_curve
 from cdobs_cli.families.lpv_zoh.printed_search import PrintedTheorem1
@@ -32,11 +33,6 @@ _HEADLINE, _WHOLE = 700, 2_000
 _LARGEST = (15_000, 15_000, 70_000, 200_000)
 _GROWTH, _WIDTH = 1.15, 1e-5  # of the search for a period that no gain survives
 _SPAN = 1.15**24
-
-
-def size(plant: Plant) -> int:
-    """What a clock certificate costs, roughly: (n + p)^3 times the corners."""
-    return int((plant.n + plant.p) ** 3 * 2 ** len(plant.slopes.quantities))
 
 
 def clock_is_tried(question: Question) -> bool:

@@ -10,7 +10,7 @@ from cdobs_cli.exact.numbers import Exact, lower_text, upper_text
 from cdobs_cli.families.reachability.certificate import SOURCE, ReachableSet
 from cdobs_cli.families.reachability.continuous import reference_claims
 from cdobs_cli.families.reachability.escape import inclusion_claim
-from cdobs_cli.families.reachability.sets import box_holds, inclusion_12, matrix_set, reachable_box, set_limit
+from cdobs_cli.families.reachability.sets import box_holds, inclusion_12, reachable_box, set_limit, set_round
 from cdobs_cli.families.reachability.structure import is_chain
 from cdobs_cli.plant import Plant
 
@@ -46,6 +46,7 @@ def _typed_inclusion(family: Reachability, plant: Plant, delta: Exact) -> list[C
     """The inclusion of a typed set for which no certificate is stored."""
     if family.set == "clarke":
         return []
-    box, boxes = reachable_box(plant, delta.ball()), matrix_set(family, plant, delta)
+    box = reachable_box(plant, delta.ball())
+    boxes = set_round(family, box, delta)
     proved = box is not None and boxes is not None and inclusion_12(box, boxes) and box_holds(plant, delta.ball())
     return [inclusion_claim(family, plant, delta, proved)]

@@ -20,6 +20,8 @@ from typing import Any, TypeAlias
 
 from flint import arb
 
+from cdobs_cli.certify.kernel import is_zero
+from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.families.reachability.interval_matrix import IntervalMatrix
@@ -104,13 +106,9 @@ def delta_star(row: LastRow) -> arb:
     n = row.n
     least = arb("inf")
     for j in range(n, 0, -1):
-        if any(not _certainly_zero(value) for value in row.lo[: min(j, n - 1)]):
+        if any(not is_zero(value) for value in row.lo[: min(j, n - 1)]):
             least = least.min(first_zero(row.flow(row.w(j)), j - 1, least))
     return least
-
-
-def _certainly_zero(value: Number) -> bool:
-    return bool(value.is_zero()) if isinstance(value, arb) else value == 0
 
 
 def holds_until(row: LastRow, delta: arb) -> bool:
@@ -120,7 +118,7 @@ def holds_until(row: LastRow, delta: arb) -> bool:
         return False
     end = delta.upper()
     for j in range(n, 0, -1):
-        moves = any(not _certainly_zero(value) for value in row.lo[: min(j, n - 1)])
+        moves = any(not is_zero(value) for value in row.lo[: min(j, n - 1)])
         if moves and not first_zero(row.flow(row.w(j)), j - 1, end) >= end:
             return False
     return True
@@ -142,32 +140,28 @@ def first_zero(flow: Matrix, i: int, until: arb) -> arb:
     start = Fraction(0)
     for _ in range(600):
         end = start + step
-        reaches = not _arb(end) < until
-        piece = _arb(start).union(until if reaches else _arb(end))
+        reaches = not fraction_ball(end) < until
+        piece = fraction_ball(start).union(until if reaches else fraction_ball(end))
         E = flow.exp(piece)
         if E[i, i] > 0:
             if reaches:
                 return until
             start, step = end, step * 2
-        elif (flow @ E)[i, i] < 0 and flow.exp(_arb(end))[i, i] < 0:
+        elif (flow @ E)[i, i] < 0 and flow.exp(fraction_ball(end))[i, i] < 0:
             return _halve(flow, i, start, end)
         else:
             step /= 2
-    return _arb(start).union(arb("inf"))
+    return fraction_ball(start).union(arb("inf"))
 
 
 def _halve(flow: Matrix, i: int, start: Fraction, end: Fraction) -> arb:
     while end - start > RELATIVE_WIDTH * end:
         middle = (start + end) / 2
-        value = flow.exp(_arb(middle))[i, i]
+        value = flow.exp(fraction_ball(middle))[i, i]
         if value > 0:
             start = middle
         elif value < 0:
             end = middle
         else:
             break
-    return _arb(start).union(_arb(end))
-
-
-def _arb(value: Fraction) -> arb:
-    return arb(value.numerator) / arb(value.denominator)
+    return fraction_ball(start).union(fraction_ball(end))

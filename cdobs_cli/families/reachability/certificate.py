@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import reduce
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from flint import arb
 
-from cdobs_cli.certificate import Claim
-from cdobs_cli.certify.definite import has_positive_pivots, positive_definite
+from cdobs_cli.certificate import Claim, status_of
+from cdobs_cli.certify.definite import eigenvalue_range, has_positive_pivots, positive_definite
 from cdobs_cli.certify.kernel import is_zero, kernel
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question
 from cdobs_cli.certify.texts import rational, symmetric
@@ -21,7 +22,14 @@ from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import ExactMatrix, lower_text, upper_text
 from cdobs_cli.families.reachability.escape import inclusion_claim
 from cdobs_cli.families.reachability.interval_matrix import IntervalMatrix
-from cdobs_cli.families.reachability.sets import box_holds, inclusion_12, matrix_set, reachable_box, set_limit
+from cdobs_cli.families.reachability.sets import (
+    box_holds,
+    inclusion_12,
+    matrix_set,
+    reachable_box,
+    set_limit,
+    set_round,
+)
 from cdobs_cli.families.reachability.theorems import error_jump, growth, recovered_P, schur_13, schur_reduced
 from cdobs_cli.hybrid import PlantView
 from cdobs_cli.plant import Plant
@@ -103,7 +111,8 @@ class ReachableSet(Method):
             return NOTHING
         if plant.p >= plant.n and self.Q == [] and kernel(plant.C).dimension == 0 and kernel(plant.C).is_kept(K):
             return SetProof(True, arb("inf"), None, True, True, True, 0, Fraction(0))
-        box, boxes = reachable_box(plant, delta.ball()), matrix_set(question.card, plant, delta)
+        box = reachable_box(plant, delta.ball())
+        boxes = set_round(question.card, box, delta)
         if box is None or boxes is None:
             return NOTHING
         in_time = box_holds(plant, delta.ball())
@@ -167,7 +176,7 @@ class ReachableSet(Method):
         letter, where = ("Q", "reduced to C e = 0, as C K = I") if self.form == "reduced" else ("P", "with K fixed")
         gap = None if part.rho_squared is None else lower_text(fraction_ball(1 - part.rho_squared), 6)
         claims = [
-            Claim("set.contraction", "certificate", _status(part.holds),
+            Claim("set.contraction", "certificate", status_of(part.holds),
                   f"(13), {where}, holds at all {part.members} matrices of the set that matter: V shrinks by "
                   f"rho^2 < 1 over each period.",
                   f"{SOURCE}, (13)", margin=gap, method=_PIVOTS)
@@ -176,14 +185,14 @@ class ReachableSet(Method):
         if plant.slopes.uncertain and limit.is_finite():
             room = lower_text(limit - delta.ball(), 6) if part.in_time else None
             claims.append(
-                Claim("set.period", "premise", _status(part.in_time), f"delta = {delta} is at most delta_star, "
+                Claim("set.period", "premise", status_of(part.in_time), f"delta = {delta} is at most delta_star, "
                 f"so the box (31) holds "
                       "every reachable error.", "Dinh2014, Theorem III.2", margin=room, method="interval "
                       "evaluation of the first zero")
             )  # fmt: skip
         claims.append(inclusion_claim(question.card, plant, delta, part.inclusion and part.in_time))
         claims.append(
-            Claim("set.positive", "premise", _status(part.positive), f"{letter} is positive definite.", SOURCE)
+            Claim("set.positive", "premise", status_of(part.positive), f"{letter} is positive definite.", SOURCE)
         )
         return claims + self._constants_claims(question, part)
 
@@ -202,25 +211,26 @@ class ReachableSet(Method):
 
     def factor(self, question: Question) -> float | None:
         """V after k periods is at most rho^(2k) V, and between samples |e| grows at most by exp(mu delta), mu the
-        largest
-        logarithmic norm of A + V; twice that growth, as the first jump may come a period late."""
-        plant, delta, rho_squared = question.plant, float(self.law.T_max), float(Fraction(self.rho_squared))
+        largest logarithmic norm of A + V; twice that growth, as the first jump may come a period late."""
+        plant, rho_squared = question.plant, rational(self.rho_squared)
         if len(plant.slopes.quantities) > MAX_ENTRIES_OF_ETA or not 1e-12 < rho_squared < 1 or self.form != "reduced":
             return None
         space = kernel(plant.C)
-        eigenvalues = np.linalg.eigvalsh(ExactMatrix(self.Q or []).floats)
-        J = np.eye(plant.n) - question.gain("K").floats @ plant.C.floats
-        mu = max(float(np.linalg.eigvalsh((R + R.T) / 2)[-1]) for R in question.inclusion.view_floats.vertices)
-        rate, grown = -np.log(rho_squared) / (2 * delta), np.exp(max(mu, 0.0) * delta)
-        conditioning = np.sqrt(eigenvalues[-1] / eigenvalues[0])
-        kept = np.linalg.norm(space.N.floats, 2) * conditioning * np.linalg.norm(space.R.floats @ J, 2)
-        # exp(rate delta): the phase within a period.
-        factor = float(max(grown, grown**2 * kept) * np.exp(2 * rate * delta) * (1 + 1e-9))
-        return factor if np.isfinite(factor) else None
+        Q = symmetric(self.Q or [], space.dimension)
+        T = space.R @ error_jump(question.gain("K").balls(), space.C, Matrix.identity(plant.n))
+        least, largest = arb(eigenvalue_range(Q, smallest=True).low), arb(eigenvalue_range(Q, smallest=False).high)
+        norms = [(R + R.T) * Fraction(1, 2) for R in question.inclusion.view_balls.vertices]
+        mu = reduce(arb.max, [arb(eigenvalue_range(one, smallest=False).high) for one in norms], arb(0))
+        grown = (mu * self.law.T_max.ball()).exp()
+        kept = ((largest / least) * _norm_squared(space.N) * _norm_squared(T)).sqrt()
+        # 1 / rho^2 = exp(2 rate delta): the phase within a period.
+        factor = grown.max(grown**2 * kept) / fraction_ball(rho_squared)
+        return float(factor.upper()) if least > 0 and factor.is_finite() else None
 
 
-def _status(proved: bool) -> Any:
-    return "proved" if proved else "undecided"
+def _norm_squared(M: Matrix) -> arb:
+    """The largest eigenvalue of M'M, enclosed."""
+    return arb(eigenvalue_range(M.T @ M, smallest=False).high)
 
 
 def set_members(boxes: tuple[IntervalMatrix, ...], active: list[int]) -> Iterator[Matrix]:

@@ -29,16 +29,16 @@ FACTORS = (Fraction(1, 8), Fraction(1, 4), Fraction(1, 2), Fraction(1), Fraction
 def exhibits(family: Reachability, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
     """Charts where there is something to draw."""
     charts = []
-    certificate = _own(plant, design)
+    certificate = _own(design)
     contraction = check.claim("set.contraction") if check is not None else None
     if certificate is not None and run is not None and contraction is not None and contraction.status == "proved":
         charts += _lyapunov(plant, design, certificate, run)
     if family.method != "clock" and family.set == "clarke" and not plant.output_quantities:
         charts += _periods(family, plant, design, check)
-    return Exhibits(tuple(charts), (), _notes(family, plant, design))
+    return Exhibits(tuple(charts), (), _notes(family, design))
 
 
-def _own(plant: Plant, design: Design) -> ReachableSet | None:
+def _own(design: Design) -> ReachableSet | None:
     """The set certificate of the design's gain and law."""
     stored = (read(one, (ReachableSet,), ("K",)) for one in design.certificates if one.sampling == design.sampling)
     methods = (one.method for one in stored if one is not None and one.gain is None)
@@ -153,7 +153,7 @@ def _times(matrix: ExactMatrix, factor: Fraction) -> ExactMatrix:
     return ExactMatrix([[value * Exact(factor) for value in row] for row in matrix.rows])
 
 
-def _notes(family: Reachability, plant: Plant, design: Design) -> tuple[str, ...]:
+def _notes(family: Reachability, design: Design) -> tuple[str, ...]:
     notes: list[str] = []
     if family.set != "clarke":
         notes.append("The set M is the typed one; that it holds every reachable error is the claim set.inclusion.")

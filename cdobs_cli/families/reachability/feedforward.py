@@ -23,7 +23,7 @@ from functools import lru_cache
 
 from flint import arb
 
-from cdobs_cli.exact.functions import hull
+from cdobs_cli.exact.functions import fraction_ball, hull
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
 from cdobs_cli.families.reachability.interval_matrix import IntervalMatrix
@@ -151,7 +151,7 @@ def columns_of(A: ExactMatrix, slopes: Slopes) -> tuple[Column, ...] | None:
     entries = bounds_of_entries(A, slopes)
     if entries is None:
         return None
-    return tuple(Column(_bounds(entries, A.shape[0], j), j) for j in range(A.shape[0]))
+    return tuple(Column(_bounds(entries, j), j) for j in range(A.shape[0]))
 
 
 def bounds_of_entries(A: ExactMatrix, slopes: Slopes) -> dict[tuple[int, int], Entry] | None:
@@ -175,7 +175,7 @@ def _opposite(low: Exact, up: Exact) -> bool:
     return low.rational is not None and up.rational is not None and low.rational == -up.rational
 
 
-def _bounds(entries: dict[tuple[int, int], Entry], n: int, start: int) -> Bounds:
+def _bounds(entries: dict[tuple[int, int], Entry], start: int) -> Bounds:
     reached = {start}
     while more := {k for k, i in entries if i in reached} - reached:
         reached |= more
@@ -213,26 +213,26 @@ class Column:
             return None
         while len(self.times) < MAX_STEPS:
             length = min(self.length, self.longest)
-            if not _ball(self.times[-1] + length) <= delta:
+            if not fraction_ball(self.times[-1] + length) <= delta:
                 break
-            X, decided = self._step(self.states[-1], _ball(length))
+            X, decided = self._step(self.states[-1], fraction_ball(length))
             if not decided and length > self.shortest:
                 self.length = max(length / 2, self.shortest)
                 continue
             self.times.append(self.times[-1] + length)
             self.states.append(X)
             self.length = length * 2
-        if len(self.times) >= MAX_STEPS and _ball(self.times[-1] + self.longest) < delta:
+        if len(self.times) >= MAX_STEPS and fraction_ball(self.times[-1] + self.longest) < delta:
             return None
-        last = max(k for k, time in enumerate(self.times) if k == 0 or _ball(time) <= delta)
-        return self._finish(self.states[last], delta - _ball(self.times[last]))
+        last = max(k for k, time in enumerate(self.times) if k == 0 or fraction_ball(time) <= delta)
+        return self._finish(self.states[last], delta - fraction_ball(self.times[last]))
 
     def _finish(self, X: list[arb], rest: arb) -> list[arb] | None:
         """What is left after the last kept step."""
         done, length = Fraction(0), self.longest
         for _ in range(MAX_STEPS):
-            whole = not _ball(done + length) < rest
-            after, decided = self._step(X, rest - _ball(done) if whole else _ball(length))
+            whole = not fraction_ball(done + length) < rest
+            after, decided = self._step(X, rest - fraction_ball(done) if whole else fraction_ball(length))
             if not decided and length > self.shortest:
                 length = max(length / 2, self.shortest)
             elif whole:
@@ -298,7 +298,3 @@ def _series(G: Matrix, X: list[arb], s: arb, L: arb, h: arb, size: arb, forcing:
     tail = (Lh.exp() * (Lh ** (TERMS + 1) / arb(TERMS + 1).gamma() * size + forcing * h)).upper()
     slack = hull(-tail, tail)
     return [total[i, 0] + slack for i in range(len(X))]
-
-
-def _ball(value: Fraction) -> arb:
-    return arb(value.numerator) / arb(value.denominator)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from flint import arb
 
+from cdobs_cli.certify.kernel import is_zero
 from cdobs_cli.exact.matrix import Matrix
 
 if TYPE_CHECKING:
@@ -73,7 +74,7 @@ class IntervalMatrix:
         Deviates: the paper takes the 2^(n^2) corners of the box.
         """
         n = self.center.shape[0]
-        varies = [[not _is_zero(self.radius[i, j]) for j in range(n)] for i in range(n)]
+        varies = [[not is_zero(self.radius[i, j]) for j in range(n)] for i in range(n)]
         columns = [j for j in active if any(varies[i][j] for i in range(n))]
         rows = [i for i in range(n) if any(varies[i][j] for j in columns)]
         for free in product((1, -1), repeat=max(0, len(columns) - 1)):
@@ -103,7 +104,3 @@ class IntervalMatrix:
         with np.errstate(over="ignore", invalid="ignore"):
             members: NDArray[np.float64] = center + eps[:, :, None] * radius * sigma[:, None, :]
         return members
-
-
-def _is_zero(value: object) -> bool:
-    return bool(value.is_zero()) if isinstance(value, arb) else value == 0

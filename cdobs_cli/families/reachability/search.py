@@ -1,4 +1,4 @@
-"""Gains and Lyapunov matrices for one period, in floats. What it returns is a guess: `proof.py` decides.
+"""Gains and Lyapunov matrices for one period, in floats. What it returns is a guess: `certificate.py` decides.
 
 Coordinates: z_i = s_i e_i with s_i = delta^(i-1) for chains, so that time has unit length (unscaled, five
 states and more give wrong limits). Cutting planes: solve with few members of the set, add the worst
@@ -20,9 +20,7 @@ from cdobs_cli.families.reachability.interval_matrix import IntervalMatrix
 from cdobs_cli.families.reachability.theorems import lmi_reduced, reduced_map, schur_reduced
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from cdobs_cli.arrays import Array
 
 # The members that the last searches ended with, by what was searched: the next period starts from them.
 Memory = dict[Any, Any]

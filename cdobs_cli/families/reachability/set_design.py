@@ -23,9 +23,7 @@ from cdobs_cli.families.reachability.sets import matrix_set, set_limit
 from cdobs_cli.plant import Plant
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from cdobs_cli.arrays import Array
 
 T_ = TypeVar("T_")
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import reduce
 from math import prod
 from typing import TYPE_CHECKING
 
 from flint import arb
 
+from cdobs_cli.certify.ball import is_finite
+from cdobs_cli.certify.kernel import is_zero
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact
@@ -39,13 +42,9 @@ def reachable_box(plant: Plant, delta: arb) -> IntervalMatrix | None:
     """
     if not plant.slopes.uncertain:
         flow = PlantView.balls(plant, {}).A.exp(delta)
-        if not all(value.is_finite() for row in flow.tolist() for value in row):
-            return None
-        return IntervalMatrix(flow, Matrix.zeros(plant.n, plant.n))
+        return IntervalMatrix(flow, Matrix.zeros(plant.n, plant.n)) if is_finite(flow) else None
     box = box_31(last_row(plant), delta) if is_chain(plant) else lemma_3_1(plant, delta)
-    if box is None or not all(value.is_finite() for row in box.upper.balls().tolist() for value in row):
-        return None
-    return box
+    return box if box is not None and is_finite(box.upper) else None
 
 
 def box_holds(plant: Plant, delta: arb) -> bool:
@@ -60,7 +59,11 @@ def set_limit(plant: Plant) -> arb:
 
 def matrix_set(family: Reachability, plant: Plant, delta: Exact) -> tuple[IntervalMatrix, ...] | None:
     """The set M at delta: the typed one, or the box of the plant's structure."""
-    box = reachable_box(plant, delta.ball())
+    return set_round(family, reachable_box(plant, delta.ball()), delta)
+
+
+def set_round(family: Reachability, box: IntervalMatrix | None, delta: Exact) -> tuple[IntervalMatrix, ...] | None:
+    """The same where the box of the plant's structure is known."""
     if family.set != "clarke":
         boxes = typed_set(family.set, delta.ball())
         return boxes if boxes is None or box is None else tuple(meeting(outer, box) for outer in boxes)
@@ -84,17 +87,13 @@ def meeting(outer: IntervalMatrix, inner: IntervalMatrix) -> IntervalMatrix:
                     rows[i][j] = ours[i, j] + 2 * sign * slack
         ends.append(rows)
     varies = [
-        [not _is_zero(outer.radius[i, j]) or bool(ends[0][i][j] < ends[1][i][j]) for j in range(n)] for i in range(n)
+        [not is_zero(outer.radius[i, j]) or bool(ends[0][i][j] < ends[1][i][j]) for j in range(n)] for i in range(n)
     ]
     for i in range(n):
         for j in range(n):
             if not varies[i][j]:
                 ends[0][i][j] = ends[1][i][j]
     return IntervalMatrix.between(ends[0], ends[1])
-
-
-def _is_zero(value: object) -> bool:
-    return bool(value.is_zero()) if isinstance(value, arb) else value == 0
 
 
 def typed_set(typed: MatrixSet, delta: arb) -> tuple[IntervalMatrix, ...] | None:
@@ -116,29 +115,16 @@ def typed_set(typed: MatrixSet, delta: arb) -> tuple[IntervalMatrix, ...] | None
     ):
         matrices = [joined]
     boxes = tuple(_box(matrix, delta) for matrix in matrices)
-    finite = all(
-        value.is_finite()
-        for box in boxes
-        for row in box.upper.balls().tolist() + box.lower.balls().tolist()
-        for value in row
-    )
-    return boxes if finite else None
+    return boxes if all(is_finite(box.upper) and is_finite(box.lower) for box in boxes) else None
 
 
 def _box(matrix: MatrixRows, delta: arb) -> IntervalMatrix:
     lower, upper = [], []
     for row in matrix:
         values = [[expression.ball({"delta": delta}) for expression in entry] for entry in row]
-        lower.append([_least(entry) for entry in values])
-        upper.append([entry[0] if len(entry) == 1 else -_least([-value for value in entry]) for entry in values])
+        lower.append([reduce(arb.min, entry) for entry in values])
+        upper.append([reduce(arb.max, entry) for entry in values])
     return IntervalMatrix.between(lower, upper)
-
-
-def _least(values: list[arb]) -> arb:
-    least = values[0]
-    for value in values[1:]:
-        least = least.min(value)
-    return least
 
 
 def inclusion_12(box: IntervalMatrix, boxes: tuple[IntervalMatrix, ...]) -> bool:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from cdobs_cli.run import Run, SimulationPlan
 
 
-_SCALARS = ("alpha", "a1", "a2", "a3")
+SCALARS = ("alpha", "a1", "a2", "a3")
 
 
 class Gain(BaseModel):
@@ -66,8 +66,8 @@ class UpdatedSampling(Family):
     def given(self) -> Mapping[str, ExactMatrix | None]:
         from cdobs_cli.exact.numbers import ExactMatrix
 
-        typed = {"alpha": self.alpha} | ({name: getattr(self.gain, name) for name in _SCALARS} if self.gain else {})
-        letters = {name: None if (number := typed.get(name)) is None else ExactMatrix([[number]]) for name in _SCALARS}
+        typed = {"alpha": self.alpha} | ({name: getattr(self.gain, name) for name in SCALARS} if self.gain else {})
+        letters = {name: None if (number := typed.get(name)) is None else ExactMatrix([[number]]) for name in SCALARS}
         return {"K": self.gain.K if self.gain else None, **letters}
 
     def synthesize(self, plant: Plant, effort: int) -> Design:

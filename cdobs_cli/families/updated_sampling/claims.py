@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from flint import acb, arb
 
-from cdobs_cli.certificate import Bound, Certificate, Check, Claim, Status, Witness
+from cdobs_cli.certificate import CONVERGENCE, Bound, Certificate, Check, Claim, Status, Witness, status_of
 from cdobs_cli.certify.ball import (
     determinant,
     eigenvalues,
@@ -24,7 +24,7 @@ from cdobs_cli.families.updated_sampling.lipschitz import Rate, largest_is_prove
 from cdobs_cli.families.updated_sampling.member import asked, free_member
 from cdobs_cli.families.updated_sampling.period import guaranteed_period, lemma_1
 from cdobs_cli.families.updated_sampling.synthesis import THEOREMS
-from cdobs_cli.families.updated_sampling.theorem import Numbers, status
+from cdobs_cli.families.updated_sampling.theorem import Numbers
 from cdobs_cli.families.updated_sampling.theorem_2_prime import Theorem2Prime
 from cdobs_cli.families.updated_sampling.theorems import Chain, one_step_map
 from cdobs_cli.plant import Plant
@@ -88,18 +88,18 @@ def _constant_claim(family: UpdatedSampling, plant: Plant, c: Exact, certificate
     T = certificate.sampling.T_max
     statement = f"Slopes up to {c} are also served by a constant gain at the constant period {T}."
     source, method = "clock-dependent Lyapunov function", "exact Bernstein coefficients"
-    return Claim("constant_period", "certificate", status(holds), statement, source, method=method)
+    return Claim("constant_period", "certificate", status_of(holds), statement, source, method=method)
 
 
 def _convergence(became: Status, statement: str, **more: Any) -> Claim:
-    return Claim("convergence", "consequence", became, f"{statement}.", SOURCE, required=True, **more)
+    return Claim(CONVERGENCE, "consequence", became, f"{statement}.", SOURCE, required=True, **more)
 
 
 def _bounded_claim(rate: Rate, bounded: bool) -> Claim:
     limit = "some bound" if rate.largest is None else str(rate.largest)
     over = "over the domain and the input ranges, so L stays bounded and the periods above 0"
     statement = f"c(x_hat, u) <= {limit} {over}."
-    return Claim("c_bounded", "premise", status(bounded), statement, "Andrieu2014, (4), Lemma 1")
+    return Claim("c_bounded", "premise", status_of(bounded), statement, "Andrieu2014, (4), Lemma 1")
 
 
 def _hurwitz_claim(numbers: Numbers) -> Claim:
@@ -115,9 +115,9 @@ def _hurwitz_claim(numbers: Numbers) -> Claim:
             statement += f": an eigenvalue is {worst}"
             witness = Witness("vector", "class", (), (vector,), worst)
     elif closed.is_rational:
-        became, method = status(is_hurwitz(closed)), "Routh's array, exact"
+        became, method = status_of(is_hurwitz(closed)), "Routh's array, exact"
     else:
-        became = status(values is not None and all(value.real.upper() < 0 for value in values))
+        became = status_of(values is not None and all(value.real.upper() < 0 for value in values))
     return Claim("hurwitz", "certificate", became, f"{statement}.", "Andrieu2014, (9)", method=method, witness=witness)
 
 
@@ -150,7 +150,7 @@ def _one_step_claim(plant: Plant, design: Design, numbers: Numbers, effort: int)
     Q = one_step_map(Chain.exact(plant.n), numbers.K, numbers.alpha)
     what = "The one-step map Q(alpha) = (I + alpha K C) exp(A alpha) of the member f = 0"
     text = f"{what} has its spectrum inside the unit circle"
-    became: Status = status(has_spectral_radius_below(Q))
+    became: Status = status_of(has_spectral_radius_below(Q))
     method, witness = "powers in balls" if became == "proved" else None, None
     if became != "proved" and (witness := refute(free_member(plant, design.gain), effort)) is not None:
         became, method = "refuted", "eigenvalues in balls"

@@ -29,14 +29,14 @@ def class_with(plant: Plant, variant: str, c: Exact, T: Exact, gain: dict[str, E
     return HybridInclusion(corrected_copy, replace(plant, slopes=slopes, sampling=law), gain, law, slopes.quantities)
 
 
-def longest(plant: Plant, variant: str, c: Exact, effort: int) -> Certificate | None:
+def longest(plant: Plant, variant: str, c: Exact) -> Certificate | None:
     """A gain and a proved certificate for a constant period, the longest found by bisection; n <= 3."""
     if plant.n > MAX_STATES or c.rational is None or c.rational <= 0:
         return None
     nothing = {"K": ExactMatrix([[0] * plant.p for _ in range(plant.n)])}
 
     def prove(T: Exact) -> Certificate | None:
-        met = design_impulsive(Question(class_with(plant, variant, c, T, nothing), effort=effort))
+        met = design_impulsive(Question(class_with(plant, variant, c, T, nothing), effort=0))
         if met is None:
             return None
         K, method = met

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 from flint import arb_mat, fmpq, fmpq_mat
-from numpy.typing import NDArray
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.families.updated_sampling.theorems import (
     Chain,
@@ -27,8 +27,6 @@ from cdobs_cli.families.updated_sampling.theorems import (
     theorem_2_prime_ii,
     transported,
 )
-
-Array = NDArray[np.float64]
 
 POINTS = 13
 _DEPTH = 12

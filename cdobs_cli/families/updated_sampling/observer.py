@@ -7,6 +7,7 @@ from fractions import Fraction
 
 from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ONE, Number, Variable, power
+from cdobs_cli.families.updated_sampling import SCALARS
 from cdobs_cli.families.updated_sampling.lipschitz import HAT, Rate
 from cdobs_cli.hybrid import Observer
 from cdobs_cli.plant import Plant
@@ -26,7 +27,7 @@ def observer(plant: Plant, design: Design, rate: Rate) -> Observer:
     Deviates: the printed jump has delta_k of the period to come, which is not known yet; it is the one that ends.
     """
     K = design.gain["K"]
-    alpha, a_1, a_2, a_3 = (design.gain[name][0, 0].expression for name in ("alpha", "a1", "a2", "a3"))
+    alpha, a_1, a_2, a_3 = (design.gain[name][0, 0].expression for name in SCALARS)
     hat = tuple(HAT + name for name in plant.states)
     inside = plant.clipped(HAT)
     cut = replace(plant, phi=tuple(one.substitute(inside) for one in plant.phi))

@@ -6,8 +6,8 @@ from itertools import product
 from math import exp, log
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.certify import search
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.families.updated_sampling.compass import Point, climb
@@ -25,7 +25,6 @@ from cdobs_cli.families.updated_sampling.theorems import (
     theorem_2_a_2_least,
 )
 
-Array = NDArray[np.float64]
 Found = tuple[Array, Array, float]
 _SLACK = 1e-3
 

@@ -11,8 +11,8 @@ from math import exp, log
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.families.updated_sampling.compass import Point, climb
 from cdobs_cli.families.updated_sampling.domination import clock_points, corner_arrays, growth_at, largest_growth
 from cdobs_cli.families.updated_sampling.period import Timing, float_period
@@ -30,7 +30,6 @@ from cdobs_cli.families.updated_sampling.theorems import (
 if TYPE_CHECKING:
     from cdobs_cli.certify.lmi import Program
 
-Array = NDArray[np.float64]
 EPSILON = 1e-4
 _ROUNDS = 25
 

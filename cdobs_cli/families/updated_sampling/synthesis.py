@@ -25,15 +25,15 @@ _UNPROVED = "the conditions of the theorem were met in floating point, but could
 
 
 def synthesize(family: UpdatedSampling, plant: Plant, effort: int) -> Design:
-    """A gain with a certificate that is proved already, or the given gain with one where one is found; beside it
-    what a constant period can do for the same slopes."""
+    """A gain with a certificate that is proved already, or the given gain with the best that was found,
+    proved or not; beside it what a constant period can do for the same slopes."""
     rate = rate_of(family, plant)
     theorem = next(one for one in THEOREMS if one.name == family.method)
     given = {name: matrix for name, matrix in family.given().items() if matrix is not None} if family.gain else {}
     question = asked(family, plant, given, effort)
     details = {"rate": rate.document()}
     if given:
-        own = theorem.propose(question) if theorem.applies(question) else None
+        own = theorem.guess(question) if theorem.applies(question) else None
         certificates = () if own is None else (own.certificate(),)
         made = Design(family.name, "given", plant.sampling, given, certificates, details=details)
     elif rate.largest is None:
@@ -41,7 +41,7 @@ def synthesize(family: UpdatedSampling, plant: Plant, effort: int) -> Design:
     else:
         made = replace(_found(theorem, question, rate.largest), details=details)
     known = None if made.outcome == "none" else rate.largest
-    beside = None if known is None else constant_period.longest(plant, family.variant, known, 0)
+    beside = None if known is None else constant_period.longest(plant, family.variant, known)
     return made if beside is None else replace(made, certificates=(*made.certificates, beside))
 
 

@@ -9,20 +9,19 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 from flint import arb
-from numpy.typing import NDArray
 
-from cdobs_cli.certificate import Claim, Status
+from cdobs_cli.arrays import Array
+from cdobs_cli.certificate import Claim, status_of
 from cdobs_cli.certify.ball import has_spectral_radius_at_least
 from cdobs_cli.certify.methods.base import Method, Proof, Question
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text, upper_text
+from cdobs_cli.families.updated_sampling import SCALARS
 from cdobs_cli.families.updated_sampling.period import Timing
 from cdobs_cli.families.updated_sampling.theorems import Chain, is_definite, one_step_map
 
-Array = NDArray[np.float64]
 Gain = Mapping[str, ExactMatrix]
 EVALUATIONS = (20, 60, 120, 240)  # of a search, by effort
-SCALARS = ("alpha", "a1", "a2", "a3")
 _DIGITS = 10
 
 
@@ -70,6 +69,16 @@ class Theorem(Method):
 
     @classmethod
     @abstractmethod
+    def guess(cls, question: Question) -> Self | None:
+        """A certificate for the question's gain, proved or not: its claims say which conditions hold."""
+
+    @classmethod
+    def propose(cls, question: Question) -> Self | None:
+        guessed = cls.guess(question)
+        return guessed if guessed is not None and guessed.prove(question).holds else None
+
+    @classmethod
+    @abstractmethod
     def designs(cls, question: Question, c: float) -> Iterator[tuple[Gain, Self]]:
         """Gains with a long guaranteed period while c(x_hat, u) <= c, the longest first, each with a certificate that
         is proved but for rounding. alpha is that of the card, where it has one."""
@@ -78,16 +87,12 @@ class Theorem(Method):
         return list(proof.conditions) if isinstance(proof, Conditions) else []
 
     def condition(self, what: str, holds: Any, statement: str, source: str, **more: Any) -> Claim:
-        return Claim(f"{self.name}.{what}", "certificate", status(bool(holds)), f"{statement}.", source, **more)
+        return Claim(f"{self.name}.{what}", "certificate", status_of(bool(holds)), f"{statement}.", source, **more)
 
     def matrix(self, n: int) -> Matrix | None:
         """P (n, n), where it is symmetric and P > 0 is proved."""
         P = ExactMatrix(self.P).balls()
         return P if P.shape == (n, n) and P.T.data == P.data and is_definite(P) else None
-
-
-def status(holds: bool) -> Status:
-    return "proved" if holds else "undecided"
 
 
 def gain_of(K: ExactMatrix, *scalars: Exact | str) -> Gain:

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from flint import arb, fmpq, fmpq_poly
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.certify.ball import spectral_radius_upper
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.exact.functions import fraction_ball
@@ -18,7 +19,6 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix, arb_fraction, fmpq_fract
 from cdobs_cli.families.updated_sampling import paper_search
 from cdobs_cli.families.updated_sampling.theorem import (
     EVALUATIONS,
-    Array,
     Conditions,
     Gain,
     Numbers,
@@ -76,8 +76,8 @@ class Theorem2(Theorem):
         return cls(law, texts, down(p_1, 8), up(p_2, 8), down(p_3, 8), up(p_4, 8))
 
     @classmethod
-    def propose(cls, question: Question) -> Theorem2 | None:
-        """P of the least a_2 for the question's gain, proved or not: its claims say which conditions hold."""
+    def guess(cls, question: Question) -> Theorem2 | None:
+        """P of the least a_2 for the question's gain."""
         K, (alpha, a_1) = question.gain("K").floats, (float(question.gain(name)[0, 0]) for name in ("alpha", "a1"))
         n, w = len(K), weight(question.card.variant, len(K))
         tried = (paper_search.matrices(n, p_1, p_3, 4.0 * n, K) for p_1 in (0.01, 0.05, 0.2) for p_3 in (0.2, 0.8))

@@ -50,8 +50,8 @@ class Theorem2Prime(Theorem):
         return cls(law, symmetric_texts(found.P), down(found.p_3 * (1 - 1e-6), 8))
 
     @classmethod
-    def propose(cls, question: Question) -> Theorem2Prime | None:
-        """P of the least a_2 for the question's gain, proved or not: its claims say which conditions hold."""
+    def guess(cls, question: Question) -> Theorem2Prime | None:
+        """P of the least a_2 for the question's gain."""
         K, (alpha, a_1) = question.gain("K").floats, (float(question.gain(name)[0, 0]) for name in ("alpha", "a1"))
         found = best_p_3(PrimeSearch(len(K), question.card.variant, K), alpha, a_1 * alpha, EVALUATIONS[question.level])
         return None if found is None else cls._rounded(question.law, found)

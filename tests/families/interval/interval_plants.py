@@ -1,13 +1,11 @@
 """The paper's two plants, built directly."""
 
-from fractions import Fraction
-
 import numpy as np
 
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.exact.expression import ZERO
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
-from cdobs_cli.families.interval import Interval
+from cdobs_cli.families.interval import Gain, Interval
 from cdobs_cli.families.interval.observer import inclusion
 from cdobs_cli.families.interval.theorems import Coordinates, coordinates
 from cdobs_cli.plant import Box, Input, Plant, Slopes
@@ -45,6 +43,7 @@ def pendulum(law):
 
 PENDULUM_S = ExactMatrix([["sqrt(2)", 0], [-1, 1]])
 PENDULUM_L = ExactMatrix([[4], [4]])
+PRINTED = Gain(S=PENDULUM_S, L=PENDULUM_L)
 
 
 def exact(A, C, S, L) -> Coordinates:
@@ -70,4 +69,3 @@ def asked(A, C, S, L, T="1", **gain) -> Question:
 
 PENDULUM = ([[0, 1], [-1, 0]], [[1, 0]], PENDULUM_S, PENDULUM_L)
 SCALAR = ([[1]], [[1]], [[1]], [["1.4"]])
-TENTH = Fraction(1, 10)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from interval_plants import PENDULUM_L, PENDULUM_S, box, pendulum, plant, scalar, up_to
+from interval_plants import PRINTED, box, pendulum, plant, scalar, up_to
 
 from cdobs_cli.certify.falsify import exponentials
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
@@ -15,8 +15,6 @@ from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.run import SimulationPlan
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.engine import simulate
-
-PRINTED = Gain(S=PENDULUM_S, L=PENDULUM_L)
 
 
 def signals(d, v):

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from interval_plants import PENDULUM_L, PENDULUM_S, box, pendulum, plant, scalar, up_to
+from interval_plants import PENDULUM_L, PENDULUM_S, PRINTED, box, pendulum, plant, scalar, up_to
 
 from cdobs_cli.certificate import Check
 from cdobs_cli.design import Design
@@ -13,7 +13,6 @@ from cdobs_cli.families.interval import Feedback, Gain, Interval
 from cdobs_cli.run import SimulationPlan
 from cdobs_cli.sampling import SamplingLaw
 
-PRINTED = Gain(S=PENDULUM_S, L=PENDULUM_L)
 PRINTED_K = Feedback(K_lower=[["-1/8", "-1/8"]], K_upper=[["-1/16", "-1/16"]])
 
 

@@ -6,7 +6,7 @@ from math import exp
 
 import numpy as np
 import pytest
-from interval_plants import PENDULUM_L, PENDULUM_S, box, pendulum, plant, question, scalar, up_to
+from interval_plants import PRINTED, box, pendulum, plant, question, scalar, up_to
 from replayed import Bounds, split
 from scipy.linalg import expm
 
@@ -21,8 +21,6 @@ from cdobs_cli.families.interval.system import System
 from cdobs_cli.families.interval.theorems import Coordinates, width_matrix
 from cdobs_cli.families.interval.widths import comparison, plain_width
 from cdobs_cli.sampling import SamplingLaw
-
-PRINTED = Gain(S=PENDULUM_S, L=PENDULUM_L)
 
 
 def periodic(T):

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import parse
+from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold
 from cdobs_cli.plant import Plant, Slopes
 from cdobs_cli.sampling import SamplingLaw
 
@@ -18,6 +19,11 @@ PRINTED_VERTICES = tuple(ExactMatrix([[0, 1], [a, b]]) for b in ("-0.3", "0.3") 
 def up_to(T: str) -> SamplingLaw:
     """Any T_k <= T."""
     return SamplingLaw("aperiodic", Exact(0), Exact(T))
+
+
+def family(**options: object) -> LpvZeroOrderHold:
+    """The card."""
+    return LpvZeroOrderHold.model_validate({"family": "lpv_zoh", **options})
 
 
 def linear_class(

@@ -11,7 +11,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from lpv_asking import asked
-from lpv_plants import PRINTED_L, PRINTED_P, PRINTED_VERTICES, PRINTED_Y, linear_class, scalar, sine, two_outputs, up_to
+from lpv_plants import (
+    PRINTED_L,
+    PRINTED_P,
+    PRINTED_VERTICES,
+    PRINTED_Y,
+    family,
+    linear_class,
+    scalar,
+    sine,
+    two_outputs,
+    up_to,
+)
 
 from cdobs_cli.certificate import Check
 from cdobs_cli.certify.falsify import refutes
@@ -25,10 +36,6 @@ from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold
 from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
-
-
-def family(**options: object) -> LpvZeroOrderHold:
-    return LpvZeroOrderHold.model_validate({"family": "lpv_zoh", **options})
 
 
 def printed_family(**options: object) -> LpvZeroOrderHold:

@@ -6,20 +6,15 @@ from dataclasses import replace
 
 import pytest
 from lpv_asking import asked, of_every_gain
-from lpv_plants import linear_class, sine, up_to
+from lpv_plants import family, linear_class, sine, up_to
 
 from cdobs_cli.certify import design as designs
 from cdobs_cli.certify.methods.any_gain import Face, NoGain
 from cdobs_cli.certify.methods.spectral import SpectralRadius
 from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
-from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold
 from cdobs_cli.families.lpv_zoh.curve import Point, running_maxima
 from cdobs_cli.sampling import SamplingLaw
-
-
-def family(**options: object) -> LpvZeroOrderHold:
-    return LpvZeroOrderHold.model_validate({"family": "lpv_zoh", **options})
 
 
 def refutes(plant, *faces):

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+from cdobs_cli.certificate import Check
 from cdobs_cli.certify.methods.base import Question, read
+from cdobs_cli.design import Design
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.reachability import Reachability
 from cdobs_cli.families.reachability.certificate import ReachableSet, SetProof
@@ -13,6 +15,12 @@ from cdobs_cli.families.reachability.set_design import Gain, gain_at, longest_an
 from cdobs_cli.plant import Plant
 
 Case = tuple[Reachability, Plant]
+
+
+def run(family: Reachability, p: Plant, effort: int = 1) -> tuple[Design, Check]:
+    """Both verbs."""
+    design = family.synthesize(p, effort)
+    return design, family.certify(p, design, effort)
 
 
 @dataclass(frozen=True)

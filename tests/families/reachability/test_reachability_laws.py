@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import pytest
+from reachability_asking import run
 from reachability_plants import chain, plant, symmetric_chain
 
 from cdobs_cli.certify import design as designs
@@ -17,11 +18,6 @@ from cdobs_cli.sampling import SamplingLaw
 
 def up_to(T):
     return SamplingLaw("aperiodic", Exact(0), Exact(T))
-
-
-def run(family, p, effort=1):
-    design = family.synthesize(p, effort)
-    return design, family.certify(p, design, effort)
 
 
 UNSTABLE = ([[0, 1], [5, 3]], [[0, 0], [-1, 0]], [[0, 0], [1, 0]], [[1, 0], [0, 1]])

@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 import pytest
-from reachability_asking import found_at
+from reachability_asking import found_at, run
 from reachability_plants import PRINTED, chain, feedforward, plant, symmetric_chain
 
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
@@ -19,11 +19,6 @@ PENDULUM = symmetric_chain((1, 0), "0.6")
 def bound(check, name):
     value = check.bounds[name].proved
     return None if value is None else float(value)
-
-
-def run(family, p, effort=1):
-    design = family.synthesize(p, effort)
-    return design, family.certify(p, design, effort)
 
 
 @pytest.mark.parametrize(

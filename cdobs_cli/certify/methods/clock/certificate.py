@@ -35,7 +35,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from flint import arb
 
-from cdobs_cli.certify import search
 from cdobs_cli.certify.bernstein import elevation
 from cdobs_cli.certify.definite import eigenvalue_range, has_positive_pivots, positive_definite
 from cdobs_cli.certify.levels import Level
@@ -54,17 +53,14 @@ from cdobs_cli.certify.methods.common_quadratic import is_linear_loop
 from cdobs_cli.certify.sampled_error import kept_and_lost
 from cdobs_cli.certify.texts import rate_of, rationals, symmetric_from_upper, upper_texts
 from cdobs_cli.exact.matrix import Matrix
-from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text
+from cdobs_cli.exact.numbers import Exact, ExactMatrix, fmpq_fraction, fraction_text
 from cdobs_cli.hybrid import HybridInclusion
 from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from cdobs_cli.arrays import Array
     from cdobs_cli.certify.methods.clock.search import Solution
-
-    Array = NDArray[np.float64]
 
 MAX_CORNER_ENTRIES = 10  # 2^10 corners at most are enumerated
 MAX_OUTPUT_ENTRIES = 6  # and 2^6 of the jump
@@ -127,15 +123,6 @@ class Clock(Method):
         P = [upper_texts(P, _P_DIGITS) for P in solution.P]
         pieces = [str(shape.before), str(shape.after)]
         return cls(question.law, str(shape.d), str(shape.D), pieces, fraction_text(question.rate), texts, P)
-
-    @classmethod
-    def longest(cls, question: Question) -> Self | None:
-        """A walk with the coarsest shape, then bisection."""
-        glance = question.with_effort(0)
-        return search.longest(
-            lambda T: cls.propose(question.at(T)), question.law.T_max, search.tolerance(question.effort),
-            glance=lambda T: cls.propose(glance.at(T)),
-        )  # fmt: skip
 
     @cached_property
     def shape(self) -> Shape:
@@ -396,7 +383,7 @@ def split_basis(inclusion: HybridInclusion) -> list[list[Fraction]] | None:
     units = [row[i] for i, row in enumerate(basis(inclusion))]
     columns = []
     for column in parts[1].T.tolist():
-        entries = [Fraction(int(value.p), int(value.q)) for value in column]
+        entries = [fmpq_fraction(value) for value in column]
         size = max((abs(entry / unit) for entry, unit in zip(entries, units, strict=True)), default=Fraction(1))
         columns.append([entry / Fraction(2) ** _exponent(float(size)) for entry in entries])
     return [list(row) for row in zip(*columns, strict=True)]

@@ -20,11 +20,7 @@ from cdobs_cli.certify.methods.clock.form import Shape, erases_the_rest, jump_bl
 from cdobs_cli.hybrid import ErrorMaps
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from cdobs_cli.design import SolverRecord
-
-    Array = NDArray[np.float64]
+    from cdobs_cli.arrays import Array
 
 _ROUNDS = 12
 _ALL_AT_ONCE = 4  # so many corners are imposed from the start
@@ -32,12 +28,11 @@ _ALL_AT_ONCE = 4  # so many corners are imposed from the start
 
 @dataclass
 class Solution:
-    """What a search returns: coefficients, W (or None), the margin over all corners, the solver's word."""
+    """What a search returns: coefficients, W (or None), the margin over all corners."""
 
     P: list[Array]
     W: Array | None
     margin: float
-    record: SolverRecord
 
 
 @dataclass
@@ -114,7 +109,7 @@ class Search:
             violation, worst = self._worst(solution.P, flows, sigma)
             true_margin = min(solution.margin, float(-violation.max()))
             if best is None or true_margin > best.margin:
-                best = Solution(solution.P, solution.W, true_margin, solution.record)
+                best = Solution(solution.P, solution.W, true_margin)
             if true_margin > 0.1 * solution.margin:
                 return best
             new = {(c, int(worst[c])) for c in range(count) if violation[c] > -0.5 * solution.margin} - self.cuts
@@ -266,11 +261,11 @@ class Search:
         flow: Cone = ("psd", self.N)
         cost = np.zeros(size)
         cost[-1] = -1.0
-        x, record = ask_clarabel(cost, A, b, [*cones, *[flow] * len(cuts)], 1e-8, 100)
+        x, _ = ask_clarabel(cost, A, b, [*cones, *[flow] * len(cuts)], 1e-8, 100)
         if not np.all(np.isfinite(x)):
             return None
         P = list(np.einsum("nk,kij->nij", x[: self.shape.count * t].reshape(-1, t), self.basis))
         if self.from_zero:  # the equations hold exactly, not to the solver's tolerance
             P[0] = np.where(self.crossing, 0.0, P[0])
         W = None if self.C is None else x[self.shape.count * t : -1].reshape(self.N, -1)
-        return Solution(P, W, float(x[-1]), record)
+        return Solution(P, W, float(x[-1]))

@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, Any
 
 from flint import arb
 
-from cdobs_cli.certify.floats import exponentials
 from cdobs_cli.certify.methods.planar.extremals import PlanarClass, planar_class, switching
 from cdobs_cli.certify.switching import Proposal, propose_for
 from cdobs_cli.exact.functions import fraction_ball
@@ -30,10 +29,7 @@ from cdobs_cli.exact.numbers import Exact, decimal_text
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from cdobs_cli.arrays import Array
 
 _CELLS = (1000, 4000, 8000, 16000)
 _SEARCHES = (20, 80, 160, 320)
@@ -262,7 +258,7 @@ class _Cells:
         period = Exact(self.delta)
         learned = False
         for count in range(1, 5):
-            for proposal in propose_for(maps, [(period,) * count], 1, exponentials)[:2]:
+            for proposal in propose_for(maps, [(period,) * count], 1)[:2]:
                 if proposal.radius < 1:
                     continue
                 periods = tuple(self._arcs(proposal, w) for w in range(count))

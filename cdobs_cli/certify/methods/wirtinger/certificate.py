@@ -25,9 +25,7 @@ from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    pass
 
 LETTER = "L"
 _DIGITS = 12

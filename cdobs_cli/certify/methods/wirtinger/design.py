@@ -18,12 +18,15 @@ from cdobs_cli.hybrid import PlantView
 from cdobs_cli.plant import Plant
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from cdobs_cli.arrays import Array
 
 _EPSILONS = (0.05, 20.0)
-_COARSE = 5000  # (n + p)^3 times corners beyond which the line search is a glance
+_COARSE = 5000  # `size` beyond which the line search is a glance
+
+
+def size(plant: Plant) -> int:
+    """What a certificate over the corners costs, roughly: (n + p)^3 times the corners."""
+    return int((plant.n + plant.p) ** 3 * 2 ** len(plant.slopes.quantities))
 
 
 def synthesis(P: Any, S: Any, Y: Any, U: Any, A_i: Any, C: Any, q: Any, epsilon: Any, sigma: Any) -> Any:
@@ -102,7 +105,7 @@ class HeldSynthesis:
         def at(epsilon: float) -> Proposal:
             return self.propose(tau, sigma, epsilon)
 
-        if (self.plant.n + self.plant.p) ** 3 * 2 ** len(self.plant.slopes.quantities) > _COARSE:
+        if size(self.plant) > _COARSE:
             return max((at(epsilon) for epsilon in (1.0, 3.0, 0.3)), key=_margin)
         tried = [at(float(epsilon)) for epsilon in np.geomspace(*_EPSILONS, 9)]
         k = max(range(len(tried)), key=lambda k: tried[k].margin)
