@@ -72,6 +72,17 @@ class ErrorMaps(Generic[M]):
 
 
 @dataclass(frozen=True)
+class NoiseMaps(Generic[M]):
+    """How disturbance and noise enter an error: edot = .. + drive d(t), e+ = .. + kick v_k at the sample of v_k.
+
+    Shapes: drive (N, n), kick (N, p).
+    """
+
+    drive: M
+    kick: M
+
+
+@dataclass(frozen=True)
 class HybridInclusion:
     """The error system of one plant with one gain.
 
@@ -82,6 +93,7 @@ class HybridInclusion:
     Args:
         assemble: called with a view of the plant and gain (numpy arrays, or exact Matrix objects) returns
             ErrorMaps in that arithmetic, so the error equation is written once.
+        assemble_noise: the same of what disturbance and noise do; None where nobody asks.
     """
 
     assemble: Callable[[PlantView[Any]], ErrorMaps[Any]]
@@ -89,6 +101,7 @@ class HybridInclusion:
     gain: Mapping[str, Any]
     sampling: SamplingLaw
     quantities: tuple[Quantity, ...]
+    assemble_noise: Callable[[PlantView[Any]], NoiseMaps[Any]] | None = None
 
     @property
     def entries(self) -> tuple[Entry, ...]:
@@ -119,13 +132,28 @@ class HybridInclusion:
         """The maps in the arithmetic of `view_balls`."""
         return self.assemble(self.view_balls)
 
+    @property
+    def noise_floats(self) -> NoiseMaps[NDArray[np.float64]]:
+        """Raises: NotImplementedError where the family does not say how noise enters its error."""
+        return self._noise(self.view_floats)
+
+    @property
+    def noise_balls(self) -> NoiseMaps[Matrix]:
+        """In the arithmetic of `view_balls`. Raises: NotImplementedError as `noise_floats`."""
+        return self._noise(self.view_balls)
+
+    def _noise(self, view: PlantView[Any]) -> NoiseMaps[Any]:
+        if self.assemble_noise is None:
+            raise NotImplementedError("noise in this error system")
+        return self.assemble_noise(view)
+
 
 @dataclass(frozen=True)
 class PlantView(Generic[M]):
     """A, C, the slope class and the gain in one arithmetic: slopes are sum_k v_k parts[k] with v_k in [lower[k],
     upper[k]],
     and A holds what is constant of them too. Outputs whose slopes vary: C is at their middle, `outputs` holds a matrix
-    for each of them, and their ends. Shapes: A, parts, identity (n, n); C, outputs (p, n)."""
+    for each of them, and their ends. Shapes: A, parts, identity (n, n); C, outputs (p, n); output_identity (p, p)."""
 
     A: M
     C: M
@@ -135,6 +163,7 @@ class PlantView(Generic[M]):
     upper: tuple[Any, ...]
     quantities: tuple[Quantity, ...]
     identity: M
+    output_identity: M
     outputs: tuple[M, ...] = ()
     output_lower: tuple[Any, ...] = ()
     output_upper: tuple[Any, ...] = ()
@@ -179,6 +208,7 @@ class PlantView(Generic[M]):
             upper=tuple(float(rho.upper) for rho in quantities),
             quantities=quantities,
             identity=np.eye(plant.n),
+            output_identity=np.eye(plant.p),
             outputs=tuple(np.array(_weights(plant.C.shape, rho, float)) for rho in outputs),
             output_lower=tuple(float(rho.lower) for rho in outputs),
             output_upper=tuple(float(rho.upper) for rho in outputs),
@@ -198,6 +228,7 @@ class PlantView(Generic[M]):
             upper=tuple(rho.upper.scalar for rho in quantities),
             quantities=quantities,
             identity=Matrix.identity(plant.n),
+            output_identity=Matrix.identity(plant.p),
             outputs=tuple(Matrix.from_rows(_weights(plant.C.shape, rho, _scalar)) for rho in outputs),
             output_lower=tuple(rho.lower.scalar for rho in outputs),
             output_upper=tuple(rho.upper.scalar for rho in outputs),
@@ -215,6 +246,11 @@ def corrected_copy(view: PlantView[Any]) -> ErrorMaps[Any]:
         view.A, view.parts, view.lower, view.upper, view.identity - K @ view.C,
         tuple(-(K @ H) for H in view.outputs), view.output_lower, view.output_upper,
     )  # fmt: skip
+
+
+def corrected_copy_noise(view: PlantView[Any]) -> NoiseMaps[Any]:
+    """edot = .. - d, e+ = .. + K v: noise in the error of `corrected_copy`, for y_k = C x(t_k) + v_k."""
+    return NoiseMaps(-view.identity, view.gain["K"])
 
 
 def _scalar(number: Exact) -> Any:

@@ -178,7 +178,8 @@ class Plant:
 
     h: what is measured, p expressions of states and inputs; None where it is C x. H: the bounds of its Jacobian,
     (p, n); None where that is C. C holds the entries of the Jacobian that are constant, and the middle of those that
-    vary.
+    vary. disturbance, noise: boxes that hold d(t) and v_k. intensity: of a white d, (n, n), per time unit; covariance:
+    of a white v_k, (p, p).
     """
 
     states: tuple[str, ...]
@@ -192,6 +193,8 @@ class Plant:
     domain: Domain = field(default_factory=Domain)
     disturbance: Box | None = None
     noise: Box | None = None
+    intensity: ExactMatrix | None = None
+    covariance: ExactMatrix | None = None
     h: tuple[Expression, ...] | None = None
     H: Slopes | None = None
 
@@ -397,6 +400,8 @@ class TypedDynamics:
     domain: Domain = field(default_factory=Domain)
     disturbance: Box | None = None
     noise: Box | None = None
+    intensity: ExactMatrix | None = None
+    covariance: ExactMatrix | None = None
 
 
 def coordinate_names(n: int, taken: frozenset[str]) -> tuple[str, ...]:

@@ -217,7 +217,7 @@ def transformed(typed: TypedDynamics, coordinates: CoordinateMap | Literal["lie"
     slopes = typed.slopes or automatic_slopes(phi, change.names)
     plant = Plant(
         change.names, typed.inputs, A, phi, typed.B, C, slopes, typed.sampling, domain,
-        image_of_disturbance(typed, change, region), typed.noise,
+        image_of_disturbance(typed, change, region), typed.noise, covariance=typed.covariance,
     )  # fmt: skip
     return plant, Coordinates(typed, change.names, change.map, change.inverse, derived, plant)
 

@@ -130,5 +130,5 @@ def split(typed: TypedDynamics) -> Plant:
     slopes = typed.slopes or automatic_slopes(phi, typed.states)
     return Plant(
         typed.states, typed.inputs, A, as_printed(phi, typed.phi), typed.B, seen.C, slopes, typed.sampling,
-        typed.domain, typed.disturbance, typed.noise, seen.h, seen.H,
+        typed.domain, typed.disturbance, typed.noise, typed.intensity, typed.covariance, seen.h, seen.H,
     )  # fmt: skip

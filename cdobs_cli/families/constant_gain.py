@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from cdobs_cli.certify.methods.rung import Rung
     from cdobs_cli.design import Design
     from cdobs_cli.exact.numbers import ExactMatrix
-    from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, PlantView
+    from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, NoiseMaps, PlantView
     from cdobs_cli.plant import Plant
     from cdobs_cli.run import SimulationPlan
 
@@ -47,6 +47,10 @@ class ConstantGain(Family):
     @abstractmethod
     def error_maps(self, view: PlantView[Any]) -> ErrorMaps[Any]:
         """The error system, which reads the gain by its letter."""
+
+    @abstractmethod
+    def noise_maps(self, view: PlantView[Any]) -> NoiseMaps[Any]:
+        """How disturbance and noise enter that error."""
 
     @abstractmethod
     def methods(self) -> tuple[type[Method], ...]:
@@ -121,7 +125,9 @@ class ConstantGain(Family):
 
         # Without a design: what no gain helps against is seen without one.
         held = gain or {self.letter: ExactMatrix([[0] * plant.p for _ in range(plant.n)])}
-        return HybridInclusion(self.error_maps, plant, held, plant.sampling, plant.slopes.quantities)
+        return HybridInclusion(
+            self.error_maps, plant, held, plant.sampling, plant.slopes.quantities, self.noise_maps
+        )  # fmt: skip
 
     def given(self) -> Mapping[str, ExactMatrix | None]:
         gain = getattr(self, "gain", None)

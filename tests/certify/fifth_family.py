@@ -16,7 +16,7 @@ from cdobs_cli.exact.expression import ZERO, Expression, Variable
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.families.constant_gain import ConstantGain
 from cdobs_cli.fields import Rows
-from cdobs_cli.hybrid import ErrorMaps, Observer, PlantView, corrected_copy
+from cdobs_cli.hybrid import ErrorMaps, NoiseMaps, Observer, PlantView, corrected_copy, corrected_copy_noise
 from cdobs_cli.plant import Plant
 
 
@@ -44,6 +44,9 @@ class Copy(ConstantGain):
 
     def error_maps(self, view: PlantView[Any]) -> ErrorMaps[Any]:
         return corrected_copy(view)
+
+    def noise_maps(self, view: PlantView[Any]) -> NoiseMaps[Any]:
+        return corrected_copy_noise(view)
 
     def observer(self, plant: Plant, design: Design) -> Observer:
         K: ExactMatrix = design.gain["K"]

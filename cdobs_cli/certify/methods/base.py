@@ -29,8 +29,9 @@ if TYPE_CHECKING:
 # What the data of a certificate that nobody wrote come to.
 UNREADABLE = (KeyError, TypeError, ValueError, IndexError, ExpressionError, ZeroDivisionError, OverflowError)
 # Which question a method answers: do errors decay, at a rate; has some gain a proof;
-# does every gain fail; do a paper's conditions hold.
-Reach = Literal["convergence", "some gain", "no gain", "printed conditions"]
+# does every gain fail; do a paper's conditions hold;
+# how large do they stay, at most or in mean square.
+Reach = Literal["convergence", "some gain", "no gain", "printed conditions", "error bound", "mean square"]
 
 
 @dataclass(frozen=True)
@@ -93,11 +94,13 @@ class Question:
 @dataclass(frozen=True)
 class Proof:
     """What a method proves of a question: whether its claim holds, at which rate |e| then decays at least (infinite
-    for a dead beat), and with which margin of its inequalities, where one is known."""
+    for a dead beat), with which margin of its inequalities, where one is known, and how large the error stays, where
+    that is what the method is asked."""
 
     holds: bool
     rate: arb = field(default_factory=arb)
     margin: Fraction | None = None
+    error: arb | None = None
 
     @staticmethod
     def of(holds: bool, sigma: Any = 0, margin: Fraction | None = None) -> Proof:

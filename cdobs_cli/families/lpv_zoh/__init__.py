@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from cdobs_cli.certify.methods.rung import Rung
     from cdobs_cli.chart import Exhibits
     from cdobs_cli.design import Confinement, Design
-    from cdobs_cli.hybrid import ErrorMaps, Observer, PlantView
+    from cdobs_cli.hybrid import ErrorMaps, NoiseMaps, Observer, PlantView
     from cdobs_cli.plant import Box, Plant
     from cdobs_cli.run import Run, SimulationPlan
 
@@ -74,6 +74,11 @@ class LpvZeroOrderHold(ConstantGain):
         from cdobs_cli.families.lpv_zoh.theorems import error_maps, held_maps
 
         return held_maps(view) if view.outputs else error_maps(view)
+
+    def noise_maps(self, view: PlantView[Any]) -> NoiseMaps[Any]:
+        from cdobs_cli.families.lpv_zoh.theorems import held_noise_maps, noise_maps
+
+        return held_noise_maps(view) if view.outputs else noise_maps(view)
 
     def observer(self, plant: Plant, design: Design) -> Observer:
         from cdobs_cli.families.lpv_zoh.observer import observer

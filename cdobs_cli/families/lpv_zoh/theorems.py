@@ -12,7 +12,7 @@ from __future__ import annotations
 from typing import Any, TypeAlias
 
 from cdobs_cli.exact.matrix import block, symmetric
-from cdobs_cli.hybrid import ErrorMaps, PlantView
+from cdobs_cli.hybrid import ErrorMaps, NoiseMaps, PlantView
 
 # A numpy array, or an exact Matrix.
 Mat: TypeAlias = Any
@@ -71,6 +71,21 @@ def held_maps(view: PlantView[Mat]) -> ErrorMaps[Mat]:
         tuple(block([[view.identity * 0, none], [-H, zero]]) for H in view.outputs), view.output_lower,
         view.output_upper,
     )  # fmt: skip
+
+
+def noise_maps(view: PlantView[Mat]) -> NoiseMaps[Mat]:
+    """Disturbance and noise in (e, w), e = xhat - x, w = C (e - e(t_k)) + v_k: of the error of `error_maps`.
+
+    d/dt (e, w) = .. - [I; C] d,    (e, w)+ = (e, v_k)
+    """
+    C = view.C
+    return NoiseMaps(-block([[view.identity], [C]]), block([[C.T * 0], [view.output_identity]]))
+
+
+def held_noise_maps(view: PlantView[Mat]) -> NoiseMaps[Mat]:
+    """Disturbance and noise in (e, r), r+ = v_k - H e: of the error of `held_maps`."""
+    C = view.C
+    return NoiseMaps(-block([[view.identity], [C * 0]]), block([[C.T * 0], [view.output_identity]]))
 
 
 def lemma_5_rate(alpha: Any, beta: Any, exp_alpha_tau: Any) -> Any:

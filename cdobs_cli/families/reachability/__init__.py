@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from cdobs_cli.certify.methods.rung import Rung
     from cdobs_cli.chart import Exhibits
     from cdobs_cli.design import Confinement, Design
-    from cdobs_cli.hybrid import ErrorMaps, Observer, PlantView
+    from cdobs_cli.hybrid import ErrorMaps, NoiseMaps, Observer, PlantView
     from cdobs_cli.plant import Box, Plant
     from cdobs_cli.run import Run, SimulationPlan
 
@@ -85,6 +85,11 @@ class Reachability(ConstantGain):
         from cdobs_cli.hybrid import corrected_copy
 
         return corrected_copy(view)
+
+    def noise_maps(self, view: PlantView[Any]) -> NoiseMaps[Any]:
+        from cdobs_cli.hybrid import corrected_copy_noise
+
+        return corrected_copy_noise(view)
 
     def observer(self, plant: Plant, design: Design) -> Observer:
         from cdobs_cli.families.reachability.observer import observer

@@ -110,7 +110,7 @@ class ReachableSet(Method):
         if not self.law.is_periodic or delta.sign() != 1:
             return NOTHING
         if plant.p >= plant.n and self.Q == [] and kernel(plant.C).dimension == 0 and kernel(plant.C).is_kept(K):
-            return SetProof(True, arb("inf"), None, True, True, True, 0, Fraction(0))
+            return SetProof(True, arb("inf"), None, None, True, True, True, 0, Fraction(0))
         box = reachable_box(plant, delta.ball())
         boxes = set_round(question.card, box, delta)
         if box is None or boxes is None:
@@ -132,7 +132,7 @@ class ReachableSet(Method):
         if not (positive and contracts):
             return SetProof(False, in_time=in_time, inclusion=inclusion, positive=positive, members=count)
         rate = arb("inf") if rho_squared == 0 else -fraction_ball(rho_squared).log() / (2 * delta.ball())
-        return SetProof(in_time and inclusion, rate, None, in_time, inclusion, True, count, rho_squared)
+        return SetProof(in_time and inclusion, rate, None, None, in_time, inclusion, True, count, rho_squared)
 
     def _inequality(self, plant: Plant, K: ExactMatrix) -> Any:
         """(V, the matrix to be > 0 as a function of a member and rho^2, the columns of the members that matter)."""
