@@ -142,7 +142,7 @@ def _design_over(region: Plant, spec: Spec, effort: int, *, together: bool = Fal
     plant, observer = spec.plant, spec.observer
     slopes: dict[str, tuple[str, str]] = {}
     if plant.is_to_be_found:
-        resolved, slopes = resolve(region, together=together)
+        resolved, slopes = resolve(plant, together=together, over=region)
         if resolved.is_to_be_found:
             reason = "; ".join(claim.statement for claim in unbounded_claims(resolved))
             return Design(observer.name, "none", plant.sampling, {}, reason=reason)
