@@ -21,7 +21,7 @@ _TOLD = (
     "|period with a proof is|period found is|period reached is about|T_k =|T_k in|Tbar =|T ="
 )
 _PERIOD = re.compile(rf"\b((?:{_TOLD}) (?:{_NUMBER}|\[{_NUMBER}, {_NUMBER}\]))(?![\w\[])")
-_RATE = re.compile(rf"\b(at the rate {_NUMBER})(?![\w\[])")
+_RATE = re.compile(rf"\b((?:at the rate|keeps the rate|decays at) {_NUMBER})(?![\w\[])")
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ def new_design(spec: Spec, effort: int) -> Design:
     apart = _apart(spec, effort)
     if together is None:
         return apart
-    if _serves(apart) and not (_serves(together) and _says_more(spec, together, apart)):
+    if _reaches(spec, apart) and not (_serves(together) and _says_more(spec, together, apart)):
         return apart
     # Where neither serves, what is said is said of the smaller class.
     return together
@@ -68,6 +68,13 @@ def new_design(spec: Spec, effort: int) -> Design:
 
 def _serves(design: Design) -> bool:
     return design.outcome != "none" and design.estimate.way != "open"
+
+
+def _reaches(spec: Spec, design: Design) -> bool:
+    """Whether it serves, and does what was asked, or at least converges under the law that was."""
+    if not _serves(design) or design.outcome != "short":
+        return _serves(design)
+    return spec.observer.certify(plant_of(spec, design), design, 0).verdict == "proved"
 
 
 def _holds_from_start(spec: Spec, design: Design) -> bool:
@@ -130,19 +137,21 @@ def _apart(spec: Spec, effort: int) -> Design:
 
 def _design_over(region: Plant, spec: Spec, effort: int, *, together: bool = False) -> Design:
     """A design, its automatic slopes found over the domain of `region`, with what the solver was asked for it."""
-    from cdobs_cli.certify.lmi import solver_log, summary
+    from cdobs_cli.certify.lmi import ran_out, solver_log, summary
 
     plant, observer = spec.plant, spec.observer
     slopes: dict[str, tuple[str, str]] = {}
     if plant.is_to_be_found:
-        resolved, slopes = resolve(region, together=together)
+        resolved, slopes = resolve(plant, together=together, over=region)
         if resolved.is_to_be_found:
             reason = "; ".join(claim.statement for claim in unbounded_claims(resolved))
             return Design(observer.name, "none", plant.sampling, {}, reason=reason)
         plant = with_found(plant, slopes)
     with solver_log() as records:
         design = observer.synthesize(plant, effort)
-    design = replace(design, slopes=slopes, solver=summary(records))
+    lost = ran_out(records) if design.outcome in ("none", "short") else None
+    told = design.reason if lost is None else f"{design.reason}; {lost}"
+    design = replace(design, slopes=slopes, solver=summary(records), reason=told)
     if design.outcome == "none":
         return design
     return replace(design, estimate=observer.confine(plant, design, initial_errors(spec)))

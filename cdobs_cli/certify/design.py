@@ -16,13 +16,13 @@ from cdobs_cli.certify import judge
 from cdobs_cli.certify.gains import Candidate, GainSearch, NoDesignError
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.dead_beat import DeadBeat, EveryPeriod, resets
-from cdobs_cli.certify.methods.open_loop import OpenLoop
+from cdobs_cli.certify.methods.open_loop import OpenLoop, Uncorrected
 from cdobs_cli.certify.methods.rung import Rung, fastest
-from cdobs_cli.certify.reasons import costliest
+from cdobs_cli.certify.reasons import costliest, unreachable
 from cdobs_cli.certify.unseen import unseen
 from cdobs_cli.design import Design, Outcome
 from cdobs_cli.exact.functions import fraction_ball
-from cdobs_cli.exact.numbers import ExactMatrix
+from cdobs_cli.exact.numbers import ExactMatrix, fraction_text
 from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
 
@@ -94,18 +94,23 @@ class _Synthesis:
         endless = self._endless() if self.objective == "max_period" else None
         if endless is not None:  # no period is too long: the best gain for the law that was typed
             self.objective = "given_period"
+        slow = unreachable(self.plant, float(self.asked.rate))
+        if slow is not None:
+            self.asked = self.question
         self.searches = self.card.gain_searches(self.asked)
-        try:
-            candidates, reason = self._candidates(), self.card.why_nothing(self.asked)
-        except NoDesignError as none:
-            candidates, reason = [], str(none)
-        law = self.plant.sampling
-        serving = [one for one in candidates if law.T_max.is_at_most(one.law.T_max)]
+        serving, shorter, reason = self._met()
+        if not (serving or shorter) and self.asked.rate:
+            slow, self.asked = f"{reason}, at the rate {fraction_text(self.asked.rate)}", self.question
+            serving, shorter, reason = self._met()
+        if not (serving or shorter):
+            serving = self._uncorrected()
         if serving:
             best = max(serving, key=lambda candidate: candidate.merit)
-            design = self._certified("found", best, [one for one in serving if one is not best])
+            others = [one for one in serving if one is not best]
+            told = None if slow is None else f"{slow}; the gain kept is the one of the longest period at any rate"
+            design = self._certified("found" if slow is None else "short", best, others, told)
         else:
-            design = self._short(candidates, reason)
+            design = self._short(shorter, reason if slow is None else f"{slow}; {reason}")
         if endless is None:
             return design
         return replace(design, certificates=(*design.certificates, endless))
@@ -127,13 +132,29 @@ class _Synthesis:
         first = next((met for met in (way.at(self.question) for way in self.searches) if met is not None), None)
         return [] if first is None else [first]
 
-    def _short(self, candidates: list[Candidate], reason: str) -> Design:
-        """The gain of the longest period met below the one asked for, under the law that was asked for."""
-        law = self.plant.sampling
+    def _met(self) -> tuple[list[Candidate], list[Candidate], str]:
+        """The candidates that serve the law asked for; where there are none, those for shorter periods, and why."""
+        try:
+            candidates, reason = self._candidates(), self.card.why_nothing(self.asked)
+        except NoDesignError as none:
+            candidates, reason = [], str(none)
+        longest = self.plant.sampling.T_max
+        serving = [one for one in candidates if longest.is_at_most(one.law.T_max)]
         if not candidates:
             nearest = (way.nearest(self.asked.afresh()) for way in self.searches)
             candidates = [one for one in nearest if one is not None]
-        best = max(candidates, key=lambda candidate: float(candidate.law.T_max), default=None)
+        return serving, [] if serving else candidates, reason
+
+    def _uncorrected(self) -> list[Candidate]:
+        """The gain 0, where the error decays by itself and no other gain was found."""
+        zero = ExactMatrix([[0] * self.plant.p for _ in range(self.plant.n)])
+        method = Uncorrected.propose(self.asked.with_gain({self.card.letter: zero}).afresh())
+        return [] if method is None else [Candidate(zero, self.plant.sampling, 0.0, method)]
+
+    def _short(self, shorter: list[Candidate], reason: str) -> Design:
+        """The gain of the longest period met below the one asked for, under the law that was asked for."""
+        law = self.plant.sampling
+        best = max(shorter, key=lambda candidate: float(candidate.law.T_max), default=None)
         if best is None:
             return self._without(reason)
         told = f"{reason}; the longest period met with a proof is {best.law.T_max}, whose gain is kept"

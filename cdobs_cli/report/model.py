@@ -182,6 +182,8 @@ class Report:
     def conditions(self) -> tuple[str, ...]:
         """What the headline takes for granted."""
         conditions = []
+        if self.design.outcome == "short" and self.status == "proved" and self.design.reason:
+            conditions.append(f"Short of what was asked: {self.design.reason}.")
         if self.domain and self.design.estimate.way != "everywhere":
             conditions.append(self._assumption)
         name = self.headline_bound[0] if self.headline_bound else None

@@ -88,13 +88,13 @@ class LpvZeroOrderHold(ConstantGain):
     def methods(self) -> tuple[type[Method], ...]:
         from cdobs_cli.certify.methods.any_gain import NoGain
         from cdobs_cli.certify.methods.dead_beat import EveryPeriod
-        from cdobs_cli.certify.methods.open_loop import OpenLoop
+        from cdobs_cli.certify.methods.open_loop import OpenLoop, Uncorrected
         from cdobs_cli.certify.methods.rung import GENERAL
         from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger
         from cdobs_cli.families.lpv_zoh.printed_search import PrintedTheorem1
         from cdobs_cli.families.lpv_zoh.repaired import Repaired
 
-        return (Wirtinger, *GENERAL.methods, Repaired, PrintedTheorem1, NoGain, OpenLoop, EveryPeriod)
+        return (Wirtinger, *GENERAL.methods, Repaired, PrintedTheorem1, NoGain, OpenLoop, Uncorrected, EveryPeriod)
 
     def rungs(self, question: Question) -> Sequence[Rung]:
         from cdobs_cli.families.lpv_zoh.search_plan import rungs
