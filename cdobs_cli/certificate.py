@@ -14,6 +14,7 @@ ClaimKind = Literal["premise", "assumption", "certificate", "consequence", "prin
 About = Literal["class", "plant"]
 Better = Literal["more", "less"]
 CONVERGENCE = "convergence"  # the claim that the verdict is about
+ERROR_BOUNDED = "error_bounded"  # and, where disturbance or noise is declared, this one
 
 
 def status_of(holds: bool) -> Status:

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from cdobs_cli.certificate import CONVERGENCE, Bound, Check, Claim
+from cdobs_cli.certificate import CONVERGENCE, ERROR_BOUNDED, Bound, Check, Claim
 from cdobs_cli.design import Confinement
 from cdobs_cli.exact.numbers import Exact, text_below
 from cdobs_cli.plant import Domain, Plant
 from cdobs_cli.sampling import SamplingLaw
 
 _PERIODS = ("period_max", "period_max_any_gain", "period_max_at_rate")
-_CONSEQUENCES = ("decay_rate", "guaranteed_period")
+_ERRORS = ("error", "error_transient", "rms")
+_CONSEQUENCES = ("decay_rate", "guaranteed_period", *_ERRORS)
 
 
 def with_conditions(
@@ -37,14 +38,16 @@ def with_conditions(
     stays, estimate = by_id.get("domain_invariant"), by_id.get("estimate")
     told = []
     for claim in claims:
+        if claim.id == ERROR_BOUNDED:
+            told.append(_bounded(claim, domain, confinement, stays, estimate))
+            continue
         if claim.id != CONVERGENCE:
             told.append(claim)
             continue
         conditions = []
         if not disturbed and (plant.disturbance is not None or plant.noise is not None):
             conditions.append(f"without {_unknown(plant)}")
-        if domain and confinement.way != "everywhere" and (stays is None or stays.status != "proved"):
-            conditions.append(f"while the plant stays in {domain.text}")
+        conditions += _while_inside(domain, confinement, stays)
         if confinement.way == "margin":
             conditions.append(f"for initial errors {confinement.start_text}")
         statement = ", ".join([claim.statement.rstrip("."), *conditions])
@@ -55,10 +58,34 @@ def with_conditions(
             statement = f"{statement}: {reason}"
         if claim.status == "refuted":
             claim, statement = _refuted(claim, plant, statement)
-        if not disturbed and claim.status == "proved" and (plant.disturbance is not None or plant.noise is not None):
+        if (
+            not disturbed
+            and ERROR_BOUNDED not in by_id
+            and claim.status == "proved"
+            and (plant.disturbance is not None or plant.noise is not None)
+        ):
             statement += f"; no bound of the error under the declared {_unknown(plant)} is proved"
         told.append(replace(claim, statement=f"{statement}."))
     return tuple(told)
+
+
+def _while_inside(domain: Domain, confinement: Confinement, stays: Claim | None) -> list[str]:
+    if not domain or confinement.way == "everywhere" or (stays is not None and stays.status == "proved"):
+        return []
+    return [f"while the plant stays in {domain.text}"]
+
+
+def _bounded(
+    claim: Claim, domain: Domain, confinement: Confinement, stays: Claim | None, estimate: Claim | None
+) -> Claim:
+    """`error_bounded` with its conditions; a margin that was shown without disturbance and noise does not hold it."""
+    statement = ", ".join([claim.statement.rstrip("."), *_while_inside(domain, confinement, stays)])
+    if claim.status == "proved" and estimate is not None and estimate.status != "proved":
+        claim, statement = replace(claim, status="undecided", by=None), f"{statement}: {estimate.statement}"
+    elif claim.status == "proved" and confinement.way == "margin":
+        told = f"that {confinement.margin_text} holds with them is not proved"
+        claim, statement = replace(claim, status="undecided", by=None), f"{statement}: {told}"
+    return replace(claim, statement=f"{statement.rstrip('.')}.")
 
 
 def proved_of_the_plant(check: Check, law: SamplingLaw, confinement: Confinement) -> dict[str, Bound]:
@@ -74,7 +101,8 @@ def proved_of_the_plant(check: Check, law: SamplingLaw, confinement: Confinement
     kept = {}
     for name, bound in check.bounds.items():
         head, _, method = name.partition(".")
-        if not stands and head in (*_PERIODS, *_CONSEQUENCES):
+        lost = head in _ERRORS and confinement.way == "margin"  # shown without disturbance and noise
+        if lost or (not stands and head in (*_PERIODS, *_CONSEQUENCES)):
             bound = replace(bound, proved=None)
         elif confinement.way == "margin" and head in _PERIODS and bound.proved is not None:
             bound = replace(bound, proved=None if method else _at_most(bound.proved, law))

@@ -12,7 +12,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify import judge
+from cdobs_cli.certify import accuracy, judge
 from cdobs_cli.certify.gains import Candidate, GainSearch, NoDesignError
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.dead_beat import DeadBeat, EveryPeriod, resets
@@ -212,6 +212,7 @@ class _Synthesis:
             own += [at_rate_proved] if at_rate_proved is not None else []
         certificates = [method.certificate() for method in own]
         certificates += [one.method.certificate({letter: one.gain}) for one in others if one.method is not None]
+        certificates += accuracy.certificates(question)
         beyond, details = self.card.beyond(question, own)
         return self._design(outcome, best.law, best.gain, [*certificates, *beyond], details, reason)
 
@@ -227,7 +228,7 @@ class _Synthesis:
         letter = self.card.letter
         kept: dict[str, Certificate] = {}
         for certificate in certificates:
-            about = (certificate.data.get(letter), certificate.data.get("sigma"))
+            about = tuple(certificate.data.get(name) for name in (letter, "sigma", "state"))
             kept.setdefault(f"{certificate.method} {certificate.sampling} {about}", certificate)
         held = {} if gain is None else {letter: gain}
         return Design(self.card.name, outcome, law, held, tuple(kept.values()), None, reason, details=details or {})

@@ -10,6 +10,7 @@ from fractions import Fraction
 from typing import Any, ClassVar, Protocol
 
 from cdobs_cli.certificate import CONVERGENCE, Bound, Certificate, Check, Claim, Status, Witness
+from cdobs_cli.certify import accuracy
 from cdobs_cli.certify.bracket import smallest_refuted
 from cdobs_cli.certify.falsify import refute, slowest_decay
 from cdobs_cli.certify.levels import Level
@@ -91,6 +92,11 @@ class Judgement:
         return [item for item in self.items if item.method.reach == "convergence"]
 
     @property
+    def sizing(self) -> list[Judged]:
+        """Of the design's gain, about the size of its error."""
+        return [item for item in self.items if item.own and item.method.reach in accuracy.REACHES]
+
+    @property
     def covering(self) -> list[Judged]:
         """Proved of the design's gain for every sequence of periods of its law."""
         return [
@@ -127,14 +133,17 @@ def judge(card: Card, plant: Plant, design: Design, effort: int) -> Check:
     if hidden is not None:
         lost.append(_every_gain(f"Every gain fails: {hidden.sentence(plant)}."))
     conclusion = _conclusion(judgement, hidden, claims)
-    unique = {claim.id: claim for claim in reversed((conclusion, *claims, *beside, *lost, *_intervals(question)))}
-    return Check(tuple(reversed(unique.values())), bounds | beside_bounds)
+    sized = [accuracy.Item(item.method, item.proof) for item in judgement.sizing]
+    of_errors, error_bounds = accuracy.accuracy(question, sized)
+    told = (conclusion, *of_errors, *claims, *beside, *lost, *_intervals(question))
+    unique = {claim.id: claim for claim in reversed(told)}
+    return Check(tuple(reversed(unique.values())), bounds | beside_bounds | error_bounds)
 
 
 def _judged(card: Card, question: Question, certificates: Sequence[Certificate]) -> list[Judged]:
     items = []
     for certificate in certificates:
-        stored = read(certificate, card.methods(), (card.letter,))
+        stored = read(certificate, (*card.methods(), *accuracy.METHODS), (card.letter,))
         if stored is None:
             continue
         gain = stored.gain

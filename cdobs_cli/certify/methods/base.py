@@ -40,6 +40,7 @@ class Question:
 
     rate: sigma >= 0, per time unit. effort: 0..3, how hard a search looks. card: the observer block, for methods
     that read an option of it. memory: what a search keeps from one period or gain to the next; never evidence.
+    state: number of the state whose error is to be bounded, where that is what is asked.
     """
 
     inclusion: HybridInclusion
@@ -47,6 +48,7 @@ class Question:
     effort: int = 1
     card: Any = None
     memory: dict[Any, Any] = field(default_factory=dict, compare=False, repr=False)
+    state: int | None = None
 
     @property
     def law(self) -> SamplingLaw:
@@ -89,6 +91,10 @@ class Question:
 
     def with_effort(self, effort: int) -> Question:
         return replace(self, effort=effort)
+
+    def of_state(self, i: int) -> Question:
+        """The same question about the error of one state."""
+        return replace(self, state=i)
 
 
 @dataclass(frozen=True)
@@ -181,6 +187,10 @@ class Method(ABC):
         statement = f"{self.statement}, sampling {self.covers.words}."
         status: Any = "proved" if proof.holds else "undecided"
         return [Claim(self.rung, "certificate", status, statement, self.source, margin=margin, method=self.how)]
+
+    def quantity(self, plant: Plant) -> str:
+        """The name of the bound that a proof's `error` is, `error.<state>`, for methods that have one."""
+        raise NotImplementedError(self.name)
 
     def level(self, question: Question) -> Level | None:
         """The level sets of its function, proved again; None where it has none."""

@@ -1,0 +1,146 @@
+"""Accuracy: how large the error stays under declared disturbance and noise, once for every family and for bounds of
+either kind, of its largest value (`error.<state>`) and of its mean square (`rms.<state>`)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from flint import arb
+
+from cdobs_cli.certificate import ERROR_BOUNDED, Bound, Certificate, Claim, status_of
+from cdobs_cli.certify.methods.base import Method, Proof, Question, Reach
+from cdobs_cli.certify.methods.peak.certificate import Peak
+from cdobs_cli.exact.numbers import Exact, upper_text
+from cdobs_cli.plant import Box, Plant
+
+REACHES: tuple[Reach, ...] = ("error bound", "mean square")
+# By the question: of each name one is kept, that of the least bound.
+METHODS: tuple[type[Method], ...] = (Peak,)
+_DIGITS = 6
+
+
+def is_asked(plant: Plant) -> bool:
+    """Whether anything is declared that the error is to be bounded against."""
+    return any(one is not None for one in (plant.disturbance, plant.noise, plant.intensity, plant.covariance))
+
+
+def certificates(question: Question) -> list[Certificate]:
+    """Of a gain under its law: of every name that its methods bound the certificate of the least bound. Uses the
+    solver."""
+    if not is_asked(question.plant) or question.inclusion.assemble_noise is None:
+        return []
+    least: dict[str, tuple[arb, Method]] = {}
+    for method, about in _asked(question.afresh()):
+        proposal = method.propose(about)
+        if proposal is None:
+            continue
+        name, error = proposal.quantity(question.plant), proposal.prove(about).error
+        if error is not None and (name not in least or error < least[name][0]):
+            least[name] = error, proposal
+    return [proposal.certificate() for _, proposal in least.values()]
+
+
+def _asked(question: Question) -> Iterator[tuple[type[Method], Question]]:
+    """Every method with what it is asked: about each state, a mean square also about all of them."""
+    for method in METHODS:
+        if method.applies(question):
+            yield from ((method, question.of_state(i)) for i in range(question.plant.n))
+            if method.reach == "mean square":
+                yield method, question
+
+
+@dataclass(frozen=True)
+class Item:
+    """A stored certificate about the error's size, with what is proved of it."""
+
+    method: Method
+    proof: Proof
+
+
+def accuracy(question: Question, items: Iterable[Item]) -> tuple[list[Claim], dict[str, Bound]]:
+    """Claims and bounds of the design's gain under its law, from its certificates proved again. Loads no solver."""
+    plant = question.plant
+    if not is_asked(plant) or question.inclusion.assemble_noise is None:
+        return [], {}
+    covering = [item for item in items if item.method.covers.contains(question.law)]
+    claims, bounds = [], {}
+    for name in dict.fromkeys(item.method.quantity(plant) for item in covering):
+        named = [item for item in covering if item.method.quantity(plant) == name]
+        proved = [item for item in named if item.proof.holds and item.proof.error is not None]
+        best = min(proved, key=_size, default=None)
+        claims.append(_claim(name, best or named[0], question))
+        if best is not None:
+            bounds[name] = Bound(
+                upper_text(_error(best), _DIGITS), None, "", best.method.rung, "this gain under its law", "less"
+            )
+    return [_error_bounded(question, bounds), *claims], bounds
+
+
+def _error(item: Item) -> arb:
+    assert item.proof.error is not None
+    return item.proof.error
+
+
+def _size(item: Item) -> float:
+    return float(_error(item).upper())
+
+
+def _claim(name: str, item: Item, question: Question) -> Claim:
+    method, proof = item.method, item.proof
+    statement = f"{method.statement}, sampling {method.covers.words}."
+    if proof.error is not None:
+        statement = f"{_left(name)} <= {upper_text(proof.error, _DIGITS)}, sampling {method.covers.words}."
+    return Claim(name, "certificate", status_of(proof.holds), statement, method.source, method=method.how)
+
+
+def _left(name: str) -> str:
+    """`|e_theta|`, `rms(e_theta)`, `rms(e)`."""
+    head, _, state = name.partition(".")
+    if head == "rms":
+        return f"rms(e_{state})" if state else "rms(e)"
+    return f"|e_{state}|"
+
+
+def _error_bounded(question: Question, bounds: dict[str, Bound]) -> Claim:
+    """Proved where every state has a proved bound, of its size where what acts is bounded, else of its mean square."""
+    plant = question.plant
+    white = plant.intensity is not None or plant.covariance is not None
+    names = [f"{'rms' if white else 'error'}.{state}" for state in plant.states]
+    under = f"Under {acting_text(plant)} the error stays bounded"
+    law = f"sampling {question.law.words}"
+    source = "cdobs, error bounds"
+    if not all(name in bounds for name in names):
+        return Claim(ERROR_BOUNDED, "consequence", "undecided", f"{under}, {law}.", source, required=True)
+    told = ", ".join(f"{_left(name)} <= {bounds[name].proved}" for name in names)
+    return Claim(
+        ERROR_BOUNDED, "consequence", "proved", f"{under}: {told}, {law}.", source, required=True,
+        method=bounds[names[0]].method, by=names[0],
+    )  # fmt: skip
+
+
+def acting_text(plant: Plant) -> str:
+    """What acts on the error: `|v| <= 0.01, |d_omega| <= 0.05`, `noise of covariance [[1]]`."""
+    outputs = ["v"] if plant.p == 1 else [f"v_{k + 1}" for k in range(plant.p)]
+    told = [*_box_texts(plant.noise, outputs), *_box_texts(plant.disturbance, [f"d_{name}" for name in plant.states])]
+    for what, matrix in (("covariance", plant.covariance), ("intensity", plant.intensity)):
+        if matrix is not None:
+            told.append(f"{'noise' if what == 'covariance' else 'a disturbance'} of {what} {_rows(matrix.texts())}")
+    return ", ".join(told) or "no disturbance and no noise"
+
+
+def _rows(texts: list[list[str]]) -> str:
+    return "[" + ", ".join("[" + ", ".join(row) + "]" for row in texts) + "]"
+
+
+def _box_texts(box: Box | None, names: list[str]) -> Iterator[str]:
+    if box is None:
+        return
+    for name, low, high in zip(names, box.lower, box.upper, strict=True):
+        if low.sign() == high.sign() == 0:
+            continue
+        yield f"|{name}| <= {high}" if _opposite(low, high) else f"{name} in [{low}, {high}]"
+
+
+def _opposite(low: Exact, high: Exact) -> bool:
+    return low == -high or (low + high).sign() == 0
