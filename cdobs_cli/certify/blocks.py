@@ -1,0 +1,100 @@
+"""Linear matrix inequalities given block by block: each says which unknowns it reads, and with which matrices.
+
+    minimise c'x    subject to    F_b + sum_k x[columns_bk] F_bk >= 0,
+
+in stacks of alike blocks, so that hundreds of small inequalities over hundreds of unknowns cost no Python loop. What
+the solver returns is a guess: `definite.py` decides.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cdobs_cli.certify.lmi import Cone, SparseColumns, ask_clarabel
+
+if TYPE_CHECKING:
+    from cdobs_cli.arrays import Array
+
+_ITERATIONS = 100
+
+
+def symmetric_basis(size: int) -> Array:
+    """(t, size, size) with t = size (size + 1) / 2: orthonormal symmetric matrices, the upper triangle by columns."""
+    j, i = np.tril_indices(size)
+    basis = np.zeros((len(i), size, size))
+    value = np.where(i == j, 1.0, np.sqrt(0.5))
+    basis[np.arange(len(i)), i, j] = value
+    basis[np.arange(len(i)), j, i] = value
+    return basis
+
+
+def full_basis(rows: int, columns: int) -> Array:
+    """(rows columns, rows, columns): the matrices with one entry 1."""
+    return np.eye(rows * columns).reshape(-1, rows, columns)
+
+
+def triangle(matrices: Array) -> Array:
+    """A stack of symmetric matrices as the solver reads them: the upper triangle by columns, others times sqrt 2."""
+    j, i = np.tril_indices(matrices.shape[-1])
+    return matrices[..., i, j] * np.where(i == j, 1.0, np.sqrt(2.0))
+
+
+@dataclass
+class BlockProgram:
+    """Unknowns x of this size, and the blocks required of them so far."""
+
+    size: int
+    _height: int = 0
+    _rows: list[Any] = field(default_factory=list)
+    _columns: list[Any] = field(default_factory=list)
+    _data: list[Array] = field(default_factory=list)
+    _right: list[Array] = field(default_factory=list)
+    _cones: list[Cone] = field(default_factory=list)
+
+    def copy(self) -> BlockProgram:
+        """The same, to which more may be added."""
+        return BlockProgram(
+            self.size, self._height, list(self._rows), list(self._columns), list(self._data), list(self._right),
+            list(self._cones),
+        )  # fmt: skip
+
+    def require(self, columns: Any, coefficients: Array, constants: Array) -> None:
+        """constants[b] + sum_k x[columns[b, k]] coefficients[b, k] >= 0 for each b.
+
+        Shapes: columns (b, k), coefficients (b, k, M, M), constants (M, M) or (b, M, M)."""
+        stack, _, M, _ = coefficients.shape
+        entries = triangle(coefficients)
+        block, which, row = np.nonzero(entries)
+        height = M * (M + 1) // 2
+        self._rows.append(self._height + block * height + row)
+        self._columns.append(columns[block, which])
+        self._data.append(-entries[block, which, row])
+        self._right.append(triangle(np.broadcast_to(constants, (stack, M, M))).reshape(-1))
+        self._cones += [("psd", M)] * stack
+        self._height += stack * height
+
+    def at_least(self, rows: Array, right: Any) -> None:
+        """rows x >= right, shapes (b, size) and (b,)."""
+        columns = np.broadcast_to(np.arange(self.size), rows.shape)
+        self.require(columns, rows[:, :, None, None], -np.asarray(right, dtype=float).reshape(-1, 1, 1))
+
+    def minimise(self, cost: Array, tolerance: float = 1e-9) -> Array | None:
+        """The solver's last iterate; None where it is no number."""
+        rows, columns, data = (np.concatenate(part) for part in (self._rows, self._columns, self._data))
+        order = np.lexsort((rows, columns))
+        rows, columns, data = rows[order], columns[order], data[order]
+        fresh = np.ones(len(rows), dtype=bool)  # where an entry was met twice it is the sum
+        fresh[1:] = (rows[1:] != rows[:-1]) | (columns[1:] != columns[:-1])
+        data = np.add.reduceat(data, np.flatnonzero(fresh)) if len(data) else data
+        rows, columns = rows[fresh], columns[fresh]
+        pointers = np.concatenate([[0], np.cumsum(np.bincount(columns, minlength=self.size))])
+        A = SparseColumns(data, rows, pointers, (self._height, self.size))
+        size = float(np.abs(cost).max()) or 1.0
+        x, record = ask_clarabel(
+            cost / size, A, np.concatenate(self._right), self._cones, tolerance, _ITERATIONS
+        )  # fmt: skip
+        usable = np.all(np.isfinite(x)) and "Infeasible" not in record.status
+        return x if usable else None

@@ -1,0 +1,149 @@
+"""The mean square of the error over time, under white noise and a white disturbance.
+
+    edot in Co{A_v} e + B d,    e+ = J e + G v_k,    E[v_k v_k' | past] <= R,    d white of intensity Q,
+
+V(t) any adapted process of the slope box: it may depend on e. If for P piecewise polynomial and continuous
+
+    Pdot + P A_v + A_v'P + Z < 0 on [0, T_max],    P(tau) - J'P(0)J > 0 on [T_min, T_max],    P(0) > 0,
+
+then U = e'P(tau)e + s(tau), with s = gamma tau - int_0^tau tr(P B Q B'), does not rise at samples in expectation and
+grows by gamma - E e'Z e per time at most between them, wherever
+
+    gamma tau >= tr(R G'P(0)G) + int_0^tau tr(P B Q B')    for tau in [T_min, T_max],
+
+so the average of E e'Z e stays below gamma, also where T_k depends on the error. The least such gamma is read off the
+Bernstein coefficients. The bound holds for P, never for a covariance Sigma' >= A_v Sigma + Sigma A_v' + B Q B': that is
+false where V depends on e.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+from flint import arb
+
+from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
+from cdobs_cli.certify.methods.clock.form import Shape
+from cdobs_cli.certify.methods.mean_square.curves import Curves
+from cdobs_cli.certify.methods.mean_square.form import sample_instants
+from cdobs_cli.certify.methods.mean_square.polynomial import (
+    Proved,
+    Texts,
+    matrices,
+    positive,
+    shape_of,
+    shape_texts,
+    texts,
+    unit_texts,
+)
+from cdobs_cli.certify.methods.mean_square.setting import Setting, errors_only, shape
+from cdobs_cli.certify.methods.mean_square.signals import identity_on, is_white, noise_floats, takes
+from cdobs_cli.plant import Plant
+
+if TYPE_CHECKING:
+    from cdobs_cli.arrays import Array
+
+# Margins asked of the solver, relative to P about 1: the first that a proof bears.
+EPSILONS = (1e-9, 1e-8, 1e-7, 1e-6)
+
+
+@dataclass(frozen=True)
+class Average(Method):
+    """shape: degree d of P, elevated degree D, pieces on [0, T_min] and [T_min, T_max]; units: e_i = units_i z_i; P:
+    the upper triangles of the Bernstein coefficients of z'P(tau)z. Z is the identity on the errors."""
+
+    shape: list[str]
+    units: list[str]
+    P: Texts
+
+    name: ClassVar[str] = "mean_square"
+    rung: ClassVar[str] = "mean_square"
+    source: ClassVar[str] = "clock-dependent quadratic function, adapted slopes"
+    how: ClassVar[str] = "exact Bernstein coefficients"
+    statement: ClassVar[str] = (
+        "e'P(tau)e pays for |e|^2 with what white noise and disturbance add, whatever slopes and periods depend on"
+    )
+    reach: ClassVar[Reach] = "mean square"
+    nonlinear_outputs: ClassVar[bool] = True
+
+    def quantity(self, plant: Plant) -> str:
+        """Which bound `Proof.error` is: the root of the time average of E sum_i e_i^2."""
+        return "rms"
+
+    @classmethod
+    def applies(cls, question: Question) -> bool:
+        return is_white(question.plant) and takes(question)
+
+    @classmethod
+    def propose(cls, question: Question) -> Self | None:
+        if not cls.applies(question):
+            return None
+        Z = errors_only(question.inclusion, np.ones(question.plant.n))
+        setting = Setting.of(question, Z)
+        if setting is None:
+            return None
+        form = shape(question)
+        for epsilon in EPSILONS:
+            search = AverageSearch.of(question, setting, form, Z, epsilon)
+            met = search.solve(question.memory)
+            if met is None:
+                continue
+            made = cls(question.law, shape_texts(form), unit_texts(setting.states), texts(met[1]))
+            if made.prove(question).holds:
+                return made
+        return None
+
+    def _prove(self, question: Question) -> Proof:
+        if not self.applies(question):
+            return NOTHING
+        n = question.plant.n
+        proved = Proved.of(question, shape_of(self.shape, self.law), self.units)
+        P = matrices(self.P, proved.shape, proved.N)
+        Z = proved.weight(identity_on(n, proved.N))
+        if not (positive(P[0]) and proved.falls(P[0], P) and proved.flows(P, Z)):
+            return NOTHING
+        kicked, drifted = arb((P[0] @ proved.spread).trace()), proved.drifted(P)
+        gamma = arb(0)
+        for number in sample_instants(proved.shape):
+            gamma = gamma.max((kicked + arb(drifted[number])) / arb(proved.times[number]))
+        return Proof(True, error=gamma.upper().sqrt().upper()) if gamma.is_finite() else NOTHING
+
+
+@dataclass
+class AverageSearch:
+    """minimise gamma over P, in floats and unit time; unknowns: P, gamma."""
+
+    curves: Curves
+    jumps: Array
+    spread: Array
+    drift: Array
+    T: float
+
+    @staticmethod
+    def of(question: Question, setting: Setting, form: Shape, Z: Array, epsilon: float) -> AverageSearch:
+        R, Q = noise_floats(question.plant)
+        curves = Curves(form, setting.shortest, setting.flows, setting.weight(Z)[None], 1, epsilon)
+        spread = setting.kick @ R @ setting.kick.T
+        drift = setting.drive @ Q @ setting.drive.T / setting.T
+        return AverageSearch(curves, setting.jumps, spread, drift, setting.T)
+
+    def solve(self, memory: dict[Any, Any]) -> tuple[float, Array] | None:
+        """(root of gamma, coefficients of P): a guess."""
+        curves, key = self.curves, ("average", self.curves.shape)
+        curves.cuts = set(memory.get(key, ()))
+        program = curves.program()
+        curves.require_jumps(program, self.jumps, 0, 0)
+        curves.require_above(program, 0, [0], curves.epsilon * np.eye(curves.N))
+        gamma = np.zeros(curves.size)
+        gamma[-1] = 1.0
+        size = max(float(np.abs(self.spread).max()), float(np.abs(self.drift).max())) or 1.0
+        rows = -curves.sum_rows(0, self.drift / size) - curves.start_row(0, self.spread / size)
+        rows = rows[curves.sampled] + curves.times[curves.sampled, None] * gamma
+        program.at_least(rows, np.zeros(len(rows)))
+        x = curves.minimise(gamma, program)
+        memory[key] = curves.cuts
+        if x is None:
+            return None
+        return float(np.sqrt(max(x[-1], 0.0) * size / self.T)), curves.coefficients(x)[0]

@@ -1,0 +1,56 @@
+"""What is declared of noise and disturbance, and which questions about them are taken."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cdobs_cli.certify.methods.base import Question
+from cdobs_cli.certify.methods.mean_square.setting import is_small
+from cdobs_cli.exact.matrix import Matrix
+from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.plant import Box, Plant
+
+if TYPE_CHECKING:
+    from cdobs_cli.arrays import Array
+
+
+def is_white(plant: Plant) -> bool:
+    """Whether noise or disturbance are white, and neither is a bounded signal of which nothing else is known."""
+    declared = plant.covariance is not None or plant.intensity is not None
+    return declared and plant.noise is None and plant.disturbance is None
+
+
+def is_bounded(plant: Plant) -> bool:
+    """Whether noise or disturbance are bounded signals, and neither is white."""
+    declared = plant.noise is not None or plant.disturbance is not None
+    return declared and plant.covariance is None and plant.intensity is None
+
+
+def takes(question: Question) -> bool:
+    """Whether samples come at periods that are bounded and bounded away from 0, and corners are few enough: noise of
+    samples that follow at once adds up without end."""
+    law, inclusion = question.law, question.inclusion
+    apart = law.is_bounded and law.T_min.sign() == 1 and float(law.T_max) < 1e12
+    return apart and inclusion.assemble_noise is not None and is_small(inclusion)
+
+
+def noise_floats(plant: Plant) -> tuple[Array, Array]:
+    """(R, Q), zeros where they are not declared."""
+    R = np.zeros((plant.p, plant.p)) if plant.covariance is None else plant.covariance.floats
+    Q = np.zeros((plant.n, plant.n)) if plant.intensity is None else plant.intensity.floats
+    return R, Q
+
+
+def half_widths(box: Box | None, size: int) -> list[Any]:
+    """The largest size of each component of a signal, rationals or balls; zeros without a box."""
+    if box is None:
+        return [Exact(0).scalar] * size
+    pairs = [(abs(low.scalar), abs(high.scalar)) for low, high in zip(box.lower, box.upper, strict=True)]
+    return [low if low >= high else high if high >= low else low.max(high) for low, high in pairs]
+
+
+def identity_on(n: int, N: int) -> Matrix:
+    """diag(I, 0), I of size n."""
+    return Matrix.from_rows([[int(i == j and i < n) for j in range(N)] for i in range(N)])
