@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from cdobs_cli.certify import search
@@ -10,6 +11,8 @@ from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.sampling import SamplingLaw
 
 _HALVINGS = 10
+# How large the error of a question's gain stays, the smaller the better; None where nothing is proved.
+Merit = Callable[[Question], float | None]
 
 
 class NoDesignError(Exception):
@@ -59,4 +62,16 @@ class GainSearch:
 
     def fastest(self, question: Question) -> Candidate | None:
         """The gain of the largest rate under the question's law."""
+        return None
+
+    def quietest(self, question: Question) -> Candidate | None:
+        """Of the gains that reach half of the fastest proved rate the one that amplifies measurement noise least."""
+        return None
+
+    def least_error(
+        self, question: Question, merit: Merit | None = None, weights: Sequence[float] | None = None
+    ) -> Candidate | None:
+        """The gain of the least proved error under the noise and disturbance that are declared, at the question's rate
+        at least. merit: what the last steps of a search minimise. weights: of each e_i^2; 1 / scale_i^2 where they are
+        not said."""
         return None

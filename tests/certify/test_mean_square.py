@@ -10,7 +10,10 @@ from example_inclusions import periodic
 from noisy_inclusions import Q, R, corrected, double_integrator, kalman, pendulum, white
 
 from cdobs_cli.certify.methods.base import Question
+from cdobs_cli.certify.methods.clock.certificate import design_impulsive
+from cdobs_cli.certify.methods.clock.design import ImpulsiveGain
 from cdobs_cli.certify.methods.mean_square.average import Average
+from cdobs_cli.certify.methods.mean_square.design import fastest_rate
 from cdobs_cli.certify.methods.mean_square.every_time import EveryTime
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 
@@ -66,3 +69,35 @@ def test_a_certificate_with_a_smaller_p_proves_nothing():
         replace(chain, windows=[]), replace(chain, P=[[P[0][0]], *P[1:]]),
     ):  # fmt: skip
         assert not altered.prove(question).holds
+
+
+# A gain for these periods is (0.36, 0.80) .. (0.98, 0.97); noise.md prints its proved root mean square.
+@pytest.mark.parametrize(("T", "rms"), [("0.1", 0.01268), ("0.6", 0.02116), ("1.2", 0.03885)])
+def test_the_gain_of_least_error_of_the_pendulum(T, rms):
+    question = Question(corrected(white(pendulum(periodic(T)), R, Q), [[0], [0]]))
+    met = ImpulsiveGain().least_error(question, weights=[1, 1])
+    assert met is not None and met.method is not None
+    about = question.with_gain({"K": met.gain})
+    assert met.method.prove(about).holds
+    proved = float(Average.propose(about).prove(about).error)
+    assert proved <= rms and proved == pytest.approx(-met.merit, rel=1e-6)
+    # Gains near by are no better.
+    for step in ([0.01, 0], [0, 0.02], [-0.01, 0.01]):
+        other = ExactMatrix.from_floats(met.gain.floats + np.array(step)[:, None], 6)
+        assert average(question.with_gain({"K": other}).inclusion) > proved
+
+
+@pytest.mark.parametrize("T", ["0.1", "0.6", "1.2"])
+def test_the_quietest_gain_keeps_half_of_the_fastest_rate(T):
+    question = Question(corrected(pendulum(periodic(T)), [[0], [0]]))
+    met = ImpulsiveGain().quietest(question)
+    assert met is not None
+    about = question.with_gain({"K": met.gain})
+    rate = met.method.prove(about).rate
+    assert rate >= 0.49 * float(fastest_rate(question))
+    loud = design_impulsive(question.with_rate(fastest_rate(question)))
+    assert loud is not None
+    quiet_noise, loud_noise = (
+        average(corrected(white(pendulum(periodic(T)), [[1]]), gain.rows)) for gain in (met.gain, loud[0])
+    )
+    assert quiet_noise < loud_noise

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from fractions import Fraction
 from math import inf
 
@@ -9,10 +10,11 @@ import numpy as np
 
 from cdobs_cli.certify import search
 from cdobs_cli.certify.climb import Climb
-from cdobs_cli.certify.gains import Candidate, GainSearch
+from cdobs_cli.certify.gains import Candidate, GainSearch, Merit
 from cdobs_cli.certify.kernel import kernel
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.clock.certificate import design_impulsive
+from cdobs_cli.certify.methods.mean_square.design import least_white_error, quietest
 from cdobs_cli.certify.methods.rung import GENERAL, fastest
 from cdobs_cli.exact.numbers import ExactMatrix
 
@@ -54,6 +56,14 @@ class ImpulsiveGain(GainSearch):
             trial = _candidate(question, design_impulsive(question.afresh().with_rate(sigma)), float(sigma), sigma)
             low, high, best = (low, middle, best) if trial is None else (middle, high, trial)
         return self._climbed(question, best)
+
+    def quietest(self, question: Question) -> Candidate | None:
+        return quietest(question)
+
+    def least_error(
+        self, question: Question, merit: Merit | None = None, weights: Sequence[float] | None = None
+    ) -> Candidate | None:
+        return least_white_error(question, weights)
 
     def _climbed(self, question: Question, best: Candidate) -> Candidate:
         """A faster gain near by, where its proofs are quick (linear loops)."""

@@ -93,7 +93,8 @@ def _first_terms(A: Array, J: Array, weight: Array) -> Array:
     N = len(A)
     F = exponentials(np.block([[-A.T, weight], [np.zeros((N, N)), A]])[None])[0]
     Phi = F[N:, N:]
-    P, M = Phi.T @ F[:N, N:], J @ Phi
+    P: Array = Phi.T @ F[:N, N:]
+    M: Array = J @ Phi
     for _ in range(_DOUBLINGS):
         P, M = P + M.T @ P @ M, M @ M
     return P
