@@ -48,8 +48,16 @@ class Labels:
     def bounds(self, check: Check) -> Check:
         """The bounds in the unit of time, from whatever unit they were in."""
         known = check.time_unit or SECONDS
-        bounds = {name: replace(one, unit=self.unit(one.unit, known)) for name, one in check.bounds.items()}
+        bounds = {
+            name: replace(one, unit=self.of_error(name) or self.unit(one.unit, known))
+            for name, one in check.bounds.items()
+        }
         return replace(check, bounds=bounds, time_unit="" if self.time == SECONDS else self.time)
+
+    def of_error(self, bound: str) -> str | None:
+        """The unit of a bound of one state's error, by its name, where the state has one."""
+        head, _, state = bound.partition(".")
+        return self.states.get(state) if head in ("error", "error_transient", "rms") else None
 
     def check(self, check: Check) -> Check:
         """As it is shown: bounds, sentences, and what bounds are about."""

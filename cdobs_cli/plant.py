@@ -209,6 +209,11 @@ class Plant:
         return self.C.shape[0]
 
     @property
+    def is_noisy(self) -> bool:
+        """Whether noise or a disturbance is declared, of any kind."""
+        return any(one is not None for one in (self.disturbance, self.noise, self.intensity, self.covariance))
+
+    @property
     def functions(self) -> tuple[Expression, ...]:
         """What must have a value all over the domain: phi, and h where it is known."""
         return (*self.phi, *(self.h or ()))

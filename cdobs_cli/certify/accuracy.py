@@ -3,42 +3,67 @@ either kind, of its largest value (`error.<state>`) and of its mean square (`rms
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from flint import arb
 
-from cdobs_cli.certificate import ERROR_BOUNDED, Bound, Certificate, Claim, status_of
+from cdobs_cli.certificate import ERROR_BOUNDED, Bound, Claim, status_of
+from cdobs_cli.certify.gains import Merit
 from cdobs_cli.certify.methods.base import Method, Proof, Question, Reach
+from cdobs_cli.certify.methods.mean_square.average import Average
+from cdobs_cli.certify.methods.mean_square.design import scales
+from cdobs_cli.certify.methods.mean_square.every_time import EveryTime
 from cdobs_cli.certify.methods.peak.certificate import Peak
 from cdobs_cli.exact.numbers import Exact, upper_text
 from cdobs_cli.plant import Box, Plant
 
 REACHES: tuple[Reach, ...] = ("error bound", "mean square")
 # By the question: of each name one is kept, that of the least bound.
-METHODS: tuple[type[Method], ...] = (Peak,)
+METHODS: tuple[type[Method], ...] = (Peak, Average, EveryTime)
 _DIGITS = 6
 
 
-def is_asked(plant: Plant) -> bool:
-    """Whether anything is declared that the error is to be bounded against."""
-    return any(one is not None for one in (plant.disturbance, plant.noise, plant.intensity, plant.covariance))
+@dataclass(frozen=True)
+class Sized:
+    """A bound of the error that is proved: its name, how large, and by which certificate."""
+
+    name: str
+    error: arb
+    method: Method
 
 
-def certificates(question: Question) -> list[Certificate]:
-    """Of a gain under its law: of every name that its methods bound the certificate of the least bound. Uses the
-    solver."""
-    if not is_asked(question.plant) or question.inclusion.assemble_noise is None:
+def sized(question: Question) -> list[Sized]:
+    """Of a gain under its law: of every name that its methods bound the least bound. Uses the solver."""
+    if not question.plant.is_noisy or question.inclusion.assemble_noise is None:
         return []
-    least: dict[str, tuple[arb, Method]] = {}
+    least: dict[str, Sized] = {}
     for method, about in _asked(question.afresh()):
         proposal = method.propose(about)
         if proposal is None:
             continue
         name, error = proposal.quantity(question.plant), proposal.prove(about).error
-        if error is not None and (name not in least or error < least[name][0]):
-            least[name] = error, proposal
-    return [proposal.certificate() for _, proposal in least.values()]
+        if error is not None and (name not in least or error < least[name].error):
+            least[name] = Sized(name, error, proposal)
+    return list(least.values())
+
+
+def merit(weights: Sequence[float] | None) -> Merit:
+    """How large the error of a question's gain stays: the weighted sum of the squares of its bounds."""
+
+    def of(question: Question) -> float | None:
+        least = {one.name: float(one.error.upper()) for one in sized(question.with_effort(0))}
+        states = question.plant.states
+        bounds = [least.get(f"error.{name}", least.get(f"rms.{name}")) for name in states]
+        weighed = [1 / float(scale) ** 2 for scale in scales(question)] if weights is None else weights
+        total = 0.0
+        for weight, bound in zip(weighed, bounds, strict=True):
+            if weight and bound is None:
+                return None
+            total += weight * bound**2 if bound is not None else 0.0
+        return total
+
+    return of
 
 
 def _asked(question: Question) -> Iterator[tuple[type[Method], Question]]:
@@ -61,7 +86,7 @@ class Item:
 def accuracy(question: Question, items: Iterable[Item]) -> tuple[list[Claim], dict[str, Bound]]:
     """Claims and bounds of the design's gain under its law, from its certificates proved again. Loads no solver."""
     plant = question.plant
-    if not is_asked(plant) or question.inclusion.assemble_noise is None:
+    if not plant.is_noisy or question.inclusion.assemble_noise is None:
         return [], {}
     covering = [item for item in items if item.method.covers.contains(question.law)]
     claims, bounds = [], {}

@@ -7,12 +7,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from typing import Any, ClassVar, Protocol
+from types import MappingProxyType
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify import accuracy, judge
+from cdobs_cli.certify import accuracy, judge, search
+from cdobs_cli.certify.front import front
 from cdobs_cli.certify.gains import Candidate, GainSearch, NoDesignError
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.dead_beat import DeadBeat, EveryPeriod, resets
@@ -20,23 +22,36 @@ from cdobs_cli.certify.methods.open_loop import OpenLoop, Uncorrected
 from cdobs_cli.certify.methods.rung import Rung, fastest
 from cdobs_cli.certify.reasons import costliest, unreachable
 from cdobs_cli.certify.unseen import unseen
-from cdobs_cli.design import Design, Outcome
+from cdobs_cli.design import Design, FrontPoint, Outcome
 from cdobs_cli.exact.functions import fraction_ball
-from cdobs_cli.exact.numbers import ExactMatrix, fraction_text
+from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text, upper_text
 from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
+
+
+class Beyond(NamedTuple):
+    """What a design keeps besides its own: certificates of other gains and laws that no gain survives, the report's
+    details, the front where a family has one of its own."""
+
+    certificates: Sequence[Certificate] = ()
+    details: Mapping[str, Any] = MappingProxyType({})
+    front: tuple[FrontPoint, ...] = ()
 
 
 class Card(judge.Card, Protocol):
     """What is asked of a family's card.
 
     rate_share: under max_period the rate is at least this over the period. with_rates: whether the certificate kept
-    for the law is the fastest that is found.
+    for the law is the fastest that is found. error_at_most: by state, what is asked of its error under noise. weights:
+    by state, of its error; all where none is typed.
     """
 
     objective: Any
     rate_share: ClassVar[float]
     with_rates: ClassVar[bool]
+
+    error_at_most: Any
+    weights: Any
 
     @property
     def name(self) -> str: ...
@@ -58,8 +73,8 @@ class Card(judge.Card, Protocol):
     def why_nothing(self, question: Question) -> str:
         """Why a search found no gain."""
 
-    def beyond(self, question: Question, own: Sequence[Method]) -> tuple[list[Certificate], dict[str, Any]]:
-        """What else is worth keeping: certificates of other gains, laws that no gain survives, the report's details."""
+    def beyond(self, question: Question, own: Sequence[Method]) -> Beyond:
+        """What else is worth keeping."""
 
 
 def synthesize(card: Card, plant: Plant, effort: int) -> Design:
@@ -75,7 +90,8 @@ class _Synthesis:
         self.given = card.given()[card.letter]
         self.question = card.question(plant, {card.letter: self.given} if self.given is not None else {}, effort)
         self.objective: str = card.objective
-        self.asked = self.question.with_rate(card.wanted_rate) if card.objective == "max_period" else self.question
+        keeps_rate = card.objective in ("max_period", "min_error")
+        self.asked = self.question.with_rate(card.wanted_rate) if keeps_rate else self.question
         self.searches: Sequence[GainSearch] = ()
 
     def run(self) -> Design:
@@ -124,13 +140,49 @@ class _Synthesis:
         return chain.certificate() if chain is not None else None
 
     def _candidates(self) -> list[Candidate]:
-        """Under given_period the first gain found, else one from each search."""
+        """One from each search; under given_period where none of them weighs noise the first gain found."""
         if self.objective == "max_period":
-            return [one for one in (way.longest(self.asked) for way in self.searches) if one is not None]
+            longest = self._longest_within if self.card.error_at_most else lambda way: way.longest(self.asked)
+            return _found(longest(way) for way in self.searches)
         if self.objective == "decay_rate":
-            return [one for one in (way.fastest(self.question) for way in self.searches) if one is not None]
-        first = next((met for met in (way.at(self.question) for way in self.searches) if met is not None), None)
-        return [] if first is None else [first]
+            return _found(way.fastest(self.question) for way in self.searches)
+        quiet = _found(self._quiet(way, self.asked) for way in self.searches)
+        return quiet or _found(way.at(self.asked) for way in self.searches)[:1]
+
+    def _quiet(self, way: GainSearch, question: Question) -> Candidate | None:
+        """The gain of least error under what is declared, else the one that amplifies noise least."""
+        if not self.plant.is_noisy:
+            return way.quietest(question)
+        return way.least_error(question, accuracy.merit(self._weights), self._weights)
+
+    @property
+    def _weights(self) -> tuple[float, ...] | None:
+        """Of each state, where they are typed."""
+        typed = self.card.weights
+        return None if typed is None else tuple(float(typed.get(name, 0)) for name in self.plant.states)
+
+    def _longest_within(self, way: GainSearch) -> Candidate | None:
+        """The gain of the longest period whose least error is small enough."""
+
+        def within(T: Exact) -> Candidate | None:
+            candidate = self._quiet(way, self.asked.at(T))
+            if candidate is None:
+                return None
+            about = self.asked.at(T).with_gain({self.card.letter: candidate.gain})
+            return None if self._exceeded(accuracy.sized(about)) else replace(candidate, merit=float(T))
+
+        return search.longest(within, self.plant.sampling.T_max, search.tolerance(self.question.effort))
+
+    def _exceeded(self, sizes: Iterable[accuracy.Sized]) -> str | None:
+        """What is above `error_at_most`, or not proved; None where nothing is."""
+        proved = {sized.name.partition(".")[2]: sized.error for sized in sizes if "." in sized.name}
+        told = []
+        for state, most in (self.card.error_at_most or {}).items():
+            least = proved.get(state)
+            if least is None or not least <= most.ball():
+                by = "none is proved" if least is None else f"{upper_text(least, 6)} is proved"
+                told.append(f"|e_{state}| <= {most} was asked for and {by}")
+        return "; ".join(told) or None
 
     def _met(self) -> tuple[list[Candidate], list[Candidate], str]:
         """The candidates that serve the law asked for; where there are none, those for shorter periods, and why."""
@@ -141,8 +193,7 @@ class _Synthesis:
         longest = self.plant.sampling.T_max
         serving = [one for one in candidates if longest.is_at_most(one.law.T_max)]
         if not candidates:
-            nearest = (way.nearest(self.asked.afresh()) for way in self.searches)
-            candidates = [one for one in nearest if one is not None]
+            candidates = _found(way.nearest(self.asked.afresh()) for way in self.searches)
         return serving, [] if serving else candidates, reason
 
     def _uncorrected(self) -> list[Candidate]:
@@ -170,8 +221,8 @@ class _Synthesis:
         return max((float(one.law.T_max) for one in met if one is not None), default=0.0)
 
     def _without(self, reason: str) -> Design:
-        beyond, details = self.card.beyond(self.question, ())
-        return self._design("none", self.plant.sampling, None, beyond, details, reason)
+        beyond = self.card.beyond(self.question, ())
+        return self._design("none", self.plant.sampling, None, beyond.certificates, beyond.details, reason)
 
     def _longest_law(self) -> SamplingLaw:
         """The longest law proved for the given gain at the rate asked for, the typed one at least."""
@@ -212,9 +263,26 @@ class _Synthesis:
             own += [at_rate_proved] if at_rate_proved is not None else []
         certificates = [method.certificate() for method in own]
         certificates += [one.method.certificate({letter: one.gain}) for one in others if one.method is not None]
-        certificates += accuracy.certificates(question)
-        beyond, details = self.card.beyond(question, own)
-        return self._design(outcome, best.law, best.gain, [*certificates, *beyond], details, reason)
+        sizes = accuracy.sized(question)
+        exceeded = self._exceeded(sizes)
+        if exceeded is not None:
+            outcome, reason = "short", exceeded if reason is None else f"{reason}; {exceeded}"
+        certificates += [sized.method.certificate() for sized in sizes]
+        beyond = self.card.beyond(question, own)
+        kept = [*certificates, *beyond.certificates]
+        design = self._design(outcome, best.law, best.gain, kept, beyond.details, reason)
+        return replace(design, front=beyond.front or self._front(question, best))
+
+    def _front(self, question: Question, best: Candidate) -> tuple[FrontPoint, ...]:
+        """Where a gain was looked for, and periods, rates or errors are what it is about."""
+        if self.given is not None or not (self.plant.is_noisy or self.objective in ("max_period", "decay_rate")):
+            return ()
+
+        def find(about: Question) -> Candidate | None:
+            ways = (self._quiet(way, about) if self.plant.is_noisy else way.fastest(about) for way in self.searches)
+            return next((one for one in ways if one is not None), None)
+
+        return front(question, self.card.letter, find, best)
 
     def _design(
         self,
@@ -232,3 +300,7 @@ class _Synthesis:
             kept.setdefault(f"{certificate.method} {certificate.sampling} {about}", certificate)
         held = {} if gain is None else {letter: gain}
         return Design(self.card.name, outcome, law, held, tuple(kept.values()), None, reason, details=details or {})
+
+
+def _found(candidates: Iterable[Candidate | None]) -> list[Candidate]:
+    return [one for one in candidates if one is not None]

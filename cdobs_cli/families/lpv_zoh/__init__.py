@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from cdobs_cli.errors import Problem
-from cdobs_cli.families.constant_gain import ConstantGain
+from cdobs_cli.families.constant_gain import ConstantGain, Objective
 from cdobs_cli.fields import Rows
 
 if TYPE_CHECKING:
-    from cdobs_cli.certificate import Bound, Certificate, Check, Claim
+    from cdobs_cli.certificate import Bound, Check, Claim
+    from cdobs_cli.certify.design import Beyond
     from cdobs_cli.certify.gains import GainSearch
     from cdobs_cli.certify.judge import Judgement
     from cdobs_cli.certify.methods.base import Method, Question
@@ -59,7 +60,7 @@ class LpvZeroOrderHold(ConstantGain):
     with_rates: ClassVar[bool] = True
 
     family: Literal["lpv_zoh"] = "lpv_zoh"
-    objective: Literal["given_period", "max_period", "decay_rate"] = "given_period"
+    objective: Objective = "given_period"
     method: Literal["best", "clock", "wirtinger", "repaired", "theorem_1"] = "best"
     saturate: bool | Literal["auto"] = "auto"
     gain: Gain | None = None
@@ -118,7 +119,7 @@ class LpvZeroOrderHold(ConstantGain):
 
         return super().refuses(plant) or too_many_corners(plant)
 
-    def beyond(self, question: Question, own: Sequence[Method]) -> tuple[list[Certificate], dict[str, Any]]:
+    def beyond(self, question: Question, own: Sequence[Method]) -> Beyond:
         from cdobs_cli.families.lpv_zoh.search_plan import beyond
 
         return beyond(self, question, own)

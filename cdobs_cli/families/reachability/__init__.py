@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
 
 from cdobs_cli.errors import Problem
-from cdobs_cli.families.constant_gain import ConstantGain
+from cdobs_cli.families.constant_gain import ConstantGain, Objective
 from cdobs_cli.fields import ExpressionInDelta, Rows
 
 if TYPE_CHECKING:
-    from cdobs_cli.certificate import Bound, Certificate, Check, Claim
+    from cdobs_cli.certificate import Bound, Check, Claim
+    from cdobs_cli.certify.design import Beyond
     from cdobs_cli.certify.gains import GainSearch
     from cdobs_cli.certify.judge import Judgement
     from cdobs_cli.certify.methods.base import Method, Question
@@ -70,7 +71,7 @@ class Reachability(ConstantGain):
     error_source: ClassVar[str] = "Dinh2014, (8), (10)"
 
     family: Literal["reachability"] = "reachability"
-    objective: Literal["given_period", "max_period", "decay_rate"] = "given_period"
+    objective: Objective = "given_period"
     method: Literal["best", "set", "clock"] = "best"
     set: TypedSet = "clarke"
     saturate: bool | Literal["auto"] = "auto"
@@ -120,10 +121,11 @@ class Reachability(ConstantGain):
 
         return why_nothing(self, question)
 
-    def beyond(self, question: Question, own: Sequence[Method]) -> tuple[list[Certificate], dict[str, Any]]:
+    def beyond(self, question: Question, own: Sequence[Method]) -> Beyond:
+        from cdobs_cli.certify.design import Beyond
         from cdobs_cli.families.reachability.search_plan import beyond
 
-        return beyond(self, question, own), {}
+        return Beyond(beyond(self, question, own))
 
     def claims_beside(self, judgement: Judgement) -> tuple[list[Claim], dict[str, Bound]]:
         from cdobs_cli.families.reachability.beside import claims_beside
