@@ -90,6 +90,7 @@ class Report:
     @cached_property
     def charts(self) -> tuple[Chart | Ladder, ...]:
         """Bracket, counterexamples, simulation, family; a family's chart takes the place of another of its name."""
+        from cdobs_cli.report.front import front_charts
         from cdobs_cli.report.ladder import period_ladder
         from cdobs_cli.report.witnesses import witness_charts
 
@@ -98,6 +99,7 @@ class Report:
         if self.check is not None:
             common += [self.labels.chart(one) for one in witness_charts(self.check)]
         common += self.run_charts
+        common += [self.labels.chart(one, self._axes) for one in front_charts(self.design, self.plant.states)]
         own = {chart.name for chart in self.exhibits.charts}
         return (*(chart for chart in common if chart.name not in own), *self.exhibits.charts)
 
@@ -119,7 +121,8 @@ class Report:
         from cdobs_cli.report.trajectories import axis_name
 
         names = self.labels.states
-        return {axis_name(name): name for name in names} | {f"width of {name}": name for name in names}
+        told = {f"{what} of {name}": name for what in ("width", "error") for name in names}
+        return {axis_name(name): name for name in names} | told
 
     @cached_property
     def versions(self) -> dict[str, str]:

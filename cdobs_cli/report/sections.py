@@ -23,6 +23,7 @@ from cdobs_cli.report.blocks import (
     Picture,
     Section,
 )
+from cdobs_cli.report.front import front_table
 from cdobs_cli.report.ladder import Ladder
 from cdobs_cli.report.model import Report, bound_title, domain_text
 from cdobs_cli.report.numbers import (
@@ -346,6 +347,9 @@ def _exhibits(report: Report) -> Section:
     blocks: list[Block] = []
     if report.exhibits.notes:
         blocks.append(Bullets(report.exhibits.notes))
+    front = front_table(report.design, report.plant.states)
+    if front is not None:
+        blocks.append(_table(report.labels.table(front)))
     blocks += [_table(table) for table in report.exhibits.tables]
     elsewhere = {*_SIMULATION_CHARTS, *(witness_name(claim) for claim in (report.check.claims if report.check else ()))}
     shown = [chart for chart in report.charts if not isinstance(chart, Ladder) and chart.name not in elsewhere]
