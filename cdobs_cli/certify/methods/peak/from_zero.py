@@ -59,7 +59,7 @@ from cdobs_cli.hybrid import ErrorMaps
 from cdobs_cli.plant import Plant
 
 _DIGITS = 13
-_WIDE = 3.0  # T_max over T_min from which on this method is asked
+_WIDE = 2.5  # T_max over T_min from which on this method is asked
 
 
 @dataclass(frozen=True)
