@@ -33,7 +33,7 @@ class Witness(Noun):
     period as text. `about`: does it defeat the class of slopes, or the typed plant?
     """
 
-    kind: Literal["constant", "switching", "vector", "point", "box"]
+    kind: Literal["constant", "switching", "vector", "point", "box", "noise"]
     about: About = field(metadata={KEY: "class"})
     times: tuple[str, ...] = ()
     values: tuple[tuple[str, ...], ...] = ()

@@ -14,6 +14,7 @@ from cdobs_cli.chart import Chart, Exhibits, Panel, Table
 from cdobs_cli.design import Design
 
 SECONDS = "s"
+OF_STATES = ("error", "error_transient", "rms")  # bounds `name.<state>` in the unit of the state
 _NUMBER = r"\d[\d.eE+/-]*(?<![.,])"
 # Behind which words a sentence tells a period, or a rate.
 _TOLD = (
@@ -48,16 +49,13 @@ class Labels:
     def bounds(self, check: Check) -> Check:
         """The bounds in the unit of time, from whatever unit they were in."""
         known = check.time_unit or SECONDS
-        bounds = {
-            name: replace(one, unit=self.of_error(name) or self.unit(one.unit, known))
-            for name, one in check.bounds.items()
-        }
+        bounds = {name: replace(one, unit=self._of_bound(name, one, known)) for name, one in check.bounds.items()}
         return replace(check, bounds=bounds, time_unit="" if self.time == SECONDS else self.time)
 
-    def of_error(self, bound: str) -> str | None:
-        """The unit of a bound of one state's error, by its name, where the state has one."""
-        head, _, state = bound.partition(".")
-        return self.states.get(state) if head in ("error", "error_transient", "rms") else None
+    def _of_bound(self, name: str, bound: Bound, known: str) -> str:
+        """Of an error's bound the unit of its state."""
+        head, _, state = name.partition(".")
+        return self.states.get(state, "") if head in OF_STATES else self.unit(bound.unit, known)
 
     def check(self, check: Check) -> Check:
         """As it is shown: bounds, sentences, and what bounds are about."""

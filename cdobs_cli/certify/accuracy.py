@@ -4,24 +4,28 @@ either kind, of its largest value (`error.<state>`) and of its mean square (`rms
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from flint import arb
 
 from cdobs_cli.certificate import ERROR_BOUNDED, Bound, Claim, status_of
+from cdobs_cli.certify.adversary import attained
 from cdobs_cli.certify.gains import Merit
 from cdobs_cli.certify.methods.base import Method, Proof, Question, Reach
 from cdobs_cli.certify.methods.mean_square.average import Average
 from cdobs_cli.certify.methods.mean_square.design import scales
 from cdobs_cli.certify.methods.mean_square.every_time import EveryTime
 from cdobs_cli.certify.methods.peak.certificate import Peak
-from cdobs_cli.exact.numbers import Exact, upper_text
+from cdobs_cli.certify.methods.peak.from_zero import PeakFromZero
+from cdobs_cli.certify.methods.peak.signals import is_bounded
+from cdobs_cli.exact.numbers import Exact, lower_text, upper_text
 from cdobs_cli.plant import Box, Plant
 
 REACHES: tuple[Reach, ...] = ("error bound", "mean square")
 # By the question: of each name one is kept, that of the least bound.
-METHODS: tuple[type[Method], ...] = (Peak, Average, EveryTime)
+METHODS: tuple[type[Method], ...] = (Peak, PeakFromZero, Average, EveryTime)
 _DIGITS = 6
+_ABOUT = "this gain under its law"
 
 
 @dataclass(frozen=True)
@@ -96,10 +100,30 @@ def accuracy(question: Question, items: Iterable[Item]) -> tuple[list[Claim], di
         best = min(proved, key=_size, default=None)
         claims.append(_claim(name, best or named[0], question))
         if best is not None:
-            bounds[name] = Bound(
-                upper_text(_error(best), _DIGITS), None, "", best.method.rung, "this gain under its law", "less"
+            bounds[name] = Bound(upper_text(_error(best), _DIGITS), None, "", best.method.rung, _ABOUT, "less")
+    reached, lower_ends = _reached(question)
+    for name, end in lower_ends.items():
+        bounds[name] = replace(bounds.get(name, Bound(None, None, "", None, _ABOUT, "less")), refuted=end)
+    return [_error_bounded(question, bounds), *claims, *reached], bounds
+
+
+def _reached(question: Question) -> tuple[list[Claim], dict[str, str]]:
+    """How large errors become at least: claims with words that make them so, and lower ends by the bounds' names."""
+    plant, claims, ends = question.plant, [], {}
+    for i, state in enumerate(plant.states if is_bounded(plant) else ()):
+        met = attained(question.inclusion, i, question.effort)
+        if met is None:
+            continue
+        name, end = f"error.{state}", lower_text(met[0], _DIGITS)
+        statement = f"|e_{state}| comes to {end} again and again for some slopes and signals of those declared"
+        claims.append(
+            Claim(
+                f"{name}.reached", "certificate", "proved", f"{statement}, sampling {question.law.words}.",
+                "the adversary's word, in balls", method="periodic solution of a word", witness=met[1],
             )
-    return [_error_bounded(question, bounds), *claims], bounds
+        )  # fmt: skip
+        ends[name] = end
+    return claims, ends
 
 
 def _error(item: Item) -> arb:
@@ -135,7 +159,7 @@ def _error_bounded(question: Question, bounds: dict[str, Bound]) -> Claim:
     under = f"Under {acting_text(plant)} the error stays bounded"
     law = f"sampling {question.law.words}"
     source = "cdobs, error bounds"
-    if not all(name in bounds for name in names):
+    if not all(name in bounds and bounds[name].proved is not None for name in names):
         return Claim(ERROR_BOUNDED, "consequence", "undecided", f"{under}, {law}.", source, required=True)
     told = ", ".join(f"{_left(name)} <= {bounds[name].proved}" for name in names)
     return Claim(

@@ -31,6 +31,8 @@ BOUND_TITLES = {
     "delta_star": "Limit of the reachable set, δ*",
     "decay_rate": "Decay rate of the error",
     "final_width": "Final width of the interval",
+    "error": "Largest error in the long run",
+    "error_transient": "Largest error from the known initial ones",
 }
 # The bracket of the headline: the first of these that is known.
 HEADLINE_BOUNDS = ("period_max", "guaranteed_period", "positivity_period_max", "tau_max", "period_max_any_gain")

@@ -244,7 +244,7 @@ def _witnesses(report: Report) -> Section:
             if claim.witness.data:
                 blocks.append(_data(claim.witness))
             blocks += [Picture(chart) for chart in report.charts if chart.name == witness_name(claim)]
-            if claim.witness.kind in ("constant", "switching", "box"):
+            if claim.witness.kind in ("constant", "switching", "box", "noise"):
                 blocks.append(Listing((f"cdobs simulate {quote(report.spec_path)} --witness {claim.id}",)))
     return Section("Counterexamples", tuple(blocks))
 
@@ -255,6 +255,7 @@ def witness_text(witness: Witness) -> str:
         "constant": "constant slopes defeat the claim", "switching": "slopes that switch defeat the claim",
         "vector": "a vector defeats the claim", "point": "a point of the domain defeats the claim",
         "box": "a box of x(0) and a word of sampling periods defeat the claim",
+        "noise": "slopes, disturbance and noise, repeated, make the error as large as is said",
     }[witness.kind]  # fmt: skip
     if witness.kind == "constant" and not any(witness.values):
         kind = "sampling at this period defeats the claim"

@@ -17,9 +17,9 @@ from cdobs_cli.certify.methods.clock.certificate import is_small
 from cdobs_cli.certify.methods.clock.form import Shape, in_basis
 from cdobs_cli.certify.methods.peak.chain import Chain
 from cdobs_cli.certify.methods.peak.signals import exact_signals, is_bounded
-from cdobs_cli.certify.methods.peak.sizes import Sizes, float_signals, sizes
+from cdobs_cli.certify.methods.peak.sizes import Sizes, float_signals, signal_sizes, sizes
+from cdobs_cli.certify.methods.peak.state import number_of, unit
 from cdobs_cli.certify.texts import upper_texts
-from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import decimal_text, fraction_text
 from cdobs_cli.plant import Plant
 
@@ -83,7 +83,7 @@ class Peak(Method):
         if not self.applies(question) or not _covers([chain.shares for chain in self.chains]):
             return NOTHING
         maps, signals = inclusion.balls, exact_signals(inclusion)
-        z = unit(maps.base.shape[0], self._number(question.plant))
+        z = unit(maps.base.shape[0], number_of(self.state, question.plant))
         squares = [chain.bound_squared(maps, signals, z, self.law) for chain in self.chains]
         if any(square is None for square in squares):
             return NOTHING
@@ -92,25 +92,14 @@ class Peak(Method):
             largest = largest.max(arb(square))
         return Proof(True, error=largest.sqrt())
 
-    def _number(self, plant: Plant) -> int:
-        number = int(self.state)
-        if not 0 <= number < plant.n:
-            raise ValueError("a state that the plant does not have")
-        return number
-
     def quantity(self, plant: Plant) -> str:
         """The name of the bound."""
-        return f"error.{plant.states[self._number(plant)]}"
+        return f"error.{plant.states[number_of(self.state, plant)]}"
 
     def certificate(self, gain: Any = None) -> Certificate:
         written = super().certificate(gain)
         plain = {"chains": [chain.document() for chain in self.chains]}
         return Certificate(written.method, written.sampling, written.data | plain)
-
-
-def unit(size: int, i: int) -> Matrix:
-    """Column i of the identity, shape (size, 1)."""
-    return Matrix.identity(size)[:, [i]]  # type: ignore[no-any-return]
 
 
 def _covers(windows: list[tuple[Fraction, Fraction]]) -> bool:
@@ -221,7 +210,7 @@ def _written(
 ) -> Chain:  # fmt: skip
     """In the user's units."""
     T, (first, others) = float(question.law.T_max), shapes
-    d0, v0 = (np.array([float(size) for size in sizes]) for sizes in _float_sizes(question))
+    d0, v0 = signal_sizes(question.inclusion)
     back, size = 1 / scale, float(scale[i]) ** 2
     return Chain(
         [fraction_text(end) for end in window], str(first.d), str(first.D),
@@ -230,11 +219,6 @@ def _written(
         [[_texts(piece * size / d0**2 / T) for piece in lag] for lag in found.mu],
         [_texts(nu * size / v0**2) for nu in found.nu],
     )  # fmt: skip
-
-
-def _float_sizes(question: Question) -> tuple[Any, Any]:
-    signals = exact_signals(question.inclusion)
-    return tuple(float(arb(size).mid()) for size in signals.d0), tuple(float(arb(size).mid()) for size in signals.v0)
 
 
 def _texts(values: Array) -> list[str]:

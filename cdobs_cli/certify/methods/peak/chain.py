@@ -93,7 +93,7 @@ class _Reading:
             return None
         rho2, last = self.rho2, len(self.P) - 1
         D = [self._fed(lag) for lag in range(last + 1)]
-        *kicked, at_tail = [_weighted(nu, self.signals.v0) for nu in self.nu]
+        *kicked, at_tail = [weighted(nu, self.signals.v0) for nu in self.nu]
         M = (D[last] * rho2 + at_tail) / (1 - rho2)
         return M + sum(D) + sum(kicked)
 
@@ -103,11 +103,11 @@ class _Reading:
 
     @cached_property
     def mu(self) -> list[list[list[Any]]]:
-        return [[_scalars(piece) for piece in lag] for lag in self.chain.mu]
+        return [[scalars(piece) for piece in lag] for lag in self.chain.mu]
 
     @cached_property
     def nu(self) -> list[list[Any]]:
-        return [_scalars(lag) for lag in self.chain.nu]
+        return [scalars(lag) for lag in self.chain.nu]
 
     @cached_property
     def rho2(self) -> Any:
@@ -153,7 +153,7 @@ class _Reading:
         for lag in range(1, last + 2):
             # The tail: the last function again, shrunk.
             before = self.P[lag] if lag <= last else [P * self.rho2 for P in self.P[last]]
-            after, nu = self.P[lag - 1][0], _diagonal(self.nu[lag - 1])
+            after, nu = self.P[lag - 1][0], diagonal(self.nu[lag - 1])
             for J in self.maps.jumps():
                 for P in before[others.jump_from :]:
                     yield jump_block(P, after, J, self.signals.G, nu)
@@ -162,14 +162,14 @@ class _Reading:
             lengths = self.lengths(lag)
             for number, (P_dot, P) in enumerate(flow_coefficients(self.P[lag], shape, lengths)):
                 piece = number // (shape.D + 1)
-                mu = _diagonal(self.mu[lag][piece]) * lengths[piece]
+                mu = diagonal(self.mu[lag][piece]) * lengths[piece]
                 for A in corners:
                     yield flow_block(P_dot, P, A, self.signals.B, mu)
 
     def _fed(self, lag: int) -> Any:
         """D_k."""
         pieces = zip(self.mu[lag], self.lengths(lag), strict=True)
-        return sum(_weighted(mu, self.signals.d0) * length for mu, length in pieces)
+        return sum(weighted(mu, self.signals.d0) * length for mu, length in pieces)
 
 
 def is_well_cut(shape: Shape, from_start: bool, to_end: bool) -> bool:
@@ -183,15 +183,15 @@ def _times(length: Any, share: Fraction) -> Any:
     return (Matrix.from_rows([[length]]) * share)[0, 0]
 
 
-def _scalars(texts: list[str]) -> list[Any]:
+def scalars(texts: list[str]) -> list[Any]:
     return [Matrix.from_rows([[rational(text)]])[0, 0] for text in texts]
 
 
-def _diagonal(entries: list[Any]) -> Matrix:
+def diagonal(entries: list[Any]) -> Matrix:
     size = len(entries)
     return Matrix.from_rows([[entries[i] if i == j else 0 for j in range(size)] for i in range(size)])
 
 
-def _weighted(weights: list[Any], sizes: tuple[Any, ...]) -> Any:
+def weighted(weights: list[Any], sizes: tuple[Any, ...]) -> Any:
     """sum_j weights_j sizes_j^2."""
     return sum((weight * size * size for weight, size in zip(weights, sizes, strict=True)), Matrix.zeros(1, 1)[0, 0])

@@ -22,22 +22,26 @@ _SAMPLES = 400
 
 @dataclass(frozen=True)
 class Sizes:
-    """What constant slopes do: radius the largest spectral radius of one period, errors (N,) the largest |e_i|
-    that unit signals make at some corner, 0 where none acts."""
+    """What constant slopes do: radius the largest spectral radius of one period, rate the slowest decay rate per time,
+    errors (N,) the largest |e_i| that unit signals make at some corner, 0 where none acts."""
 
     radius: float
+    rate: float
     errors: Array
 
 
 def float_signals(inclusion: HybridInclusion) -> tuple[Array, Array]:
     """B diag(d0), G diag(v0) without the columns of signals that are 0: for signals of size 1."""
-    plant, maps = inclusion.plant, inclusion.noise_floats
-    columns = []
-    for matrix, box in ((maps.drive, plant.disturbance), (maps.kick, plant.noise)):
-        kept = acting(box)
-        sizes = [] if box is None else [max(abs(float(box.lower[j])), abs(float(box.upper[j]))) for j in kept]
-        columns.append(matrix[:, kept] * np.array(sizes))
-    return columns[0], columns[1]
+    plant, maps, (d0, v0) = inclusion.plant, inclusion.noise_floats, signal_sizes(inclusion)
+    return maps.drive[:, acting(plant.disturbance)] * d0, maps.kick[:, acting(plant.noise)] * v0
+
+
+def signal_sizes(inclusion: HybridInclusion) -> tuple[Array, Array]:
+    """d0 and v0 of the signals that are not 0."""
+    boxes = (inclusion.plant.disturbance, inclusion.plant.noise)
+    ends = ([(box.lower[j], box.upper[j]) for j in acting(box)] if box is not None else [] for box in boxes)
+    d0, v0 = (np.array([max(abs(float(low)), abs(float(high))) for low, high in box]) for box in ends)
+    return d0, v0
 
 
 def sizes(maps: ErrorMaps[Array], B: Array, G: Array, periods: list[float]) -> Sizes | None:
@@ -47,7 +51,7 @@ def sizes(maps: ErrorMaps[Array], B: Array, G: Array, periods: list[float]) -> S
     jumps = list(islice(maps.jumps(), _CORNERS))
     augmented = np.zeros((len(flows), N + q, N + q))
     augmented[:, :N, :N], augmented[:, :N, N:] = flows, B
-    radius, errors = 0.0, np.zeros(N)
+    radius, rate, errors = 0.0, np.inf, np.zeros(N)
     with np.errstate(all="ignore"):
         for T in periods:
             slot = exponentials(augmented * (T / _SLOTS))
@@ -60,11 +64,12 @@ def sizes(maps: ErrorMaps[Array], B: Array, G: Array, periods: list[float]) -> S
                 return None
             within = np.sum(np.abs(steps), axis=(0, 3))
             for J in jumps:
-                radius = max(radius, float(spectral_radii(J @ power).max()))
+                largest = float(spectral_radii(J @ power).max())
+                radius, rate = max(radius, largest), min(rate, -np.log(max(largest, 1e-12)) / T)
                 if radius >= 1:
-                    return Sizes(radius, errors)
+                    return Sizes(radius, rate, errors)
                 errors = np.maximum(errors, _summed(power, J, np.array(steps), within, G))
-    return Sizes(radius, errors)
+    return Sizes(radius, rate, errors)
 
 
 def _summed(power: Array, J: Array, steps: Array, within: Array, G: Array) -> Array:
