@@ -25,7 +25,8 @@ class SimulationPlan:
     """The `simulation` block: one run from `initial_state`, or `runs` of them from `initial_box`.
 
     signals: expressions of `t` by name (inputs; `d.0`.. disturbances; `v.0`.. noise at samples); those of inputs may
-    also read the estimate `hat.<state>` and the last measurement `y.0`, .. (feedback).
+    also read the estimate `hat.<state>` and the last measurement `y.0`, .. (feedback). Without any `d.i` (`v.k`) the
+    disturbance (the noise) is drawn within what the plant declares.
     sampling_times: expression of `t` giving T_k at t_k = t; None: the design's law.
     """
 
@@ -89,13 +90,17 @@ class Departure(Noun):
 
 @dataclass(frozen=True)
 class RunSummary(Noun):
-    """The figures of one run, as in `simulation.json`; of all runs, the earliest departure."""
+    """The figures of one run, as in `simulation.json`; of all runs, the earliest departure.
+
+    rmse: of each state's error, over the whole run; rmse_after_transient: over its second half.
+    """
 
     measurements: int
     period_min: float | None
     period_max: float | None
     error_final: float | None
     rmse: Mapping[str, float]
+    rmse_after_transient: Mapping[str, float]
     inclusion_margin: float | None
     diverged: bool
     left_domain: bool

@@ -39,7 +39,7 @@ class Sized:
 
 def sized(question: Question) -> list[Sized]:
     """Of a gain under its law: of every name that its methods bound the least bound. Uses the solver."""
-    if not question.plant.is_noisy or question.inclusion.assemble_noise is None:
+    if not question.plant.is_perturbed or question.inclusion.assemble_noise is None:
         return []
     least: dict[str, Sized] = {}
     for method, about in _asked(question.afresh()):
@@ -90,7 +90,7 @@ class Item:
 def accuracy(question: Question, items: Iterable[Item]) -> tuple[list[Claim], dict[str, Bound]]:
     """Claims and bounds of the design's gain under its law, from its certificates proved again. Loads no solver."""
     plant = question.plant
-    if not plant.is_noisy or question.inclusion.assemble_noise is None:
+    if not plant.is_perturbed or question.inclusion.assemble_noise is None:
         return [], {}
     covering = [item for item in items if item.method.covers.contains(question.law)]
     claims, bounds = [], {}

@@ -45,7 +45,7 @@ def with_conditions(
             told.append(claim)
             continue
         conditions = []
-        if not disturbed and (plant.disturbance is not None or plant.noise is not None):
+        if not disturbed and plant.is_perturbed:
             conditions.append(f"without {_unknown(plant)}")
         conditions += _while_inside(domain, confinement, stays)
         if confinement.way == "margin":
@@ -58,12 +58,7 @@ def with_conditions(
             statement = f"{statement}: {reason}"
         if claim.status == "refuted":
             claim, statement = _refuted(claim, plant, statement)
-        if (
-            not disturbed
-            and ERROR_BOUNDED not in by_id
-            and claim.status == "proved"
-            and (plant.disturbance is not None or plant.noise is not None)
-        ):
+        if not disturbed and plant.is_perturbed and ERROR_BOUNDED not in by_id and claim.status == "proved":
             statement += f"; no bound of the error under the declared {_unknown(plant)} is proved"
         told.append(replace(claim, statement=f"{statement}."))
     return tuple(told)
@@ -117,8 +112,8 @@ def _at_most(proved: str, law: SamplingLaw) -> str:
 
 
 def _unknown(plant: Plant) -> str:
-    names = ("disturbance",) if plant.disturbance is not None else ()
-    return " and ".join((*names, "noise") if plant.noise is not None else names)
+    names = ("disturbance",) if plant.is_disturbed else ()
+    return " and ".join((*names, "noise") if plant.is_noisy else names)
 
 
 def _refuted(claim: Claim, plant: Plant, statement: str) -> tuple[Claim, str]:

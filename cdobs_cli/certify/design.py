@@ -151,7 +151,7 @@ class _Synthesis:
 
     def _quiet(self, way: GainSearch, question: Question) -> Candidate | None:
         """The gain of least error under what is declared, else the one that amplifies noise least."""
-        if not self.plant.is_noisy:
+        if not self.plant.is_perturbed:
             return way.quietest(question)
         return way.least_error(question, accuracy.merit(self._weights), self._weights)
 
@@ -275,11 +275,11 @@ class _Synthesis:
 
     def _front(self, question: Question, best: Candidate) -> tuple[FrontPoint, ...]:
         """Where a gain was looked for, and periods, rates or errors are what it is about."""
-        if self.given is not None or not (self.plant.is_noisy or self.objective in ("max_period", "decay_rate")):
+        if self.given is not None or not (self.plant.is_perturbed or self.objective in ("max_period", "decay_rate")):
             return ()
 
         def find(about: Question) -> Candidate | None:
-            ways = (self._quiet(way, about) if self.plant.is_noisy else way.fastest(about) for way in self.searches)
+            ways = (self._quiet(way, about) if self.plant.is_perturbed else way.fastest(about) for way in self.searches)
             return next((one for one in ways if one is not None), None)
 
         return front(question, self.card.letter, find, best)

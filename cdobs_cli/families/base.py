@@ -53,6 +53,23 @@ class Family(BaseModel, ABC):
         given gain, options that contradict one another. Fields are paths from the top of the spec."""
         return []
 
+    def only_boxes(self, plant: Plant, why: str) -> list[Problem]:
+        """What a family that takes disturbance and noise in boxes says of a white one, and of noise of a covariance.
+
+        why: what the box is needed for.
+        """
+        found = []
+        if plant.intensity is not None:
+            what, hint = f"a white disturbance has no bound: {why}", "bound it: {lower: [..], upper: [..]}"
+            found.append(Problem(("plant", "disturbance"), what, hint=hint))
+        if plant.covariance is not None:
+            sizes = [3 * max(0.0, float(plant.covariance[k, k])) ** 0.5 for k in range(plant.p)]
+            lower, upper = (", ".join(f"{sign * size:.4g}" for size in sizes) for sign in (-1, 1))
+            hint = f"bound it, by three deviations for instance: {{lower: [{lower}], upper: [{upper}]}}"
+            what = f"noise of a covariance has no bound: {why}"
+            found.append(Problem(("measurement", "noise"), what, hint=hint))
+        return found
+
     def resolved(self, plant: Plant, horizon: float | None) -> Self:
         """The card with what a default leaves to the plant and to the time of its simulation, where there is one."""
         return self

@@ -65,6 +65,12 @@ def _plant(report: Report) -> Section:
             pairs = enumerate(zip(box.lower, box.upper, strict=True), start=1)
             ends = ", ".join(f"{letter}{i} in [{low}, {up}]" for i, (low, up) in pairs)
             blocks.append(Paragraph(f"{what}: {ends}."))
+    if plant.intensity is not None:
+        words = f"Disturbance: white, of the intensity Q (the covariance of its integral, per {report.labels.time}):"
+        blocks += [Paragraph(words), Mathematics(systems.gain_equations({"Q": plant.intensity}))]
+    if plant.covariance is not None:
+        words = "Measurement noise: of mean 0 and the covariance R, independent from sample to sample:"
+        blocks += [Paragraph(words), Mathematics(systems.gain_equations({"R": plant.covariance}))]
     if report.labels.states:
         told = ", ".join(f"{name} in {unit}" for name, unit in report.labels.states.items())
         blocks.append(Paragraph(f"Units: {told}, time in {report.labels.time}."))

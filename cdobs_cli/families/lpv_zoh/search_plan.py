@@ -132,7 +132,7 @@ def beyond(family: LpvZeroOrderHold, question: Question, own: Sequence[Method]) 
         curve = gain_curve(headline(question))
         certificates += [c for c in curve.longest if proved is None or float(c.sampling.T_max) > proved]
     certificates += [method.certificate() for method in _hopeless(question, proved)]
-    return Beyond(certificates, curve.document(), () if question.plant.is_noisy else curve.front)
+    return Beyond(certificates, curve.document(), () if question.plant.is_perturbed else curve.front)
 
 
 def _hopeless(question: Question, proved: float | None) -> list[Method]:
