@@ -15,6 +15,7 @@ from cdobs_cli.certify.methods.base import Method, Proof, Question, Reach
 from cdobs_cli.certify.methods.mean_square.average import Average
 from cdobs_cli.certify.methods.mean_square.design import scales
 from cdobs_cli.certify.methods.mean_square.every_time import EveryTime
+from cdobs_cli.certify.methods.mean_square.signals import is_white
 from cdobs_cli.certify.methods.peak.certificate import Peak
 from cdobs_cli.certify.methods.peak.from_zero import PeakFromZero
 from cdobs_cli.certify.methods.peak.signals import is_bounded
@@ -101,16 +102,42 @@ def accuracy(question: Question, items: Iterable[Item]) -> tuple[list[Claim], di
         claims.append(_claim(name, best or named[0], question))
         if best is not None:
             bounds[name] = Bound(upper_text(_error(best), _DIGITS), None, "", best.method.rung, _ABOUT, "less")
+    if is_bounded(plant) and is_white(plant):
+        claims = [
+            replace(claim, statement=f"Of what bounded or white signals do alone: {claim.statement}")
+            for claim in claims
+        ]
+        bounds = _together(plant, bounds)
     reached, lower_ends = _reached(question)
     for name, end in lower_ends.items():
         bounds[name] = replace(bounds.get(name, Bound(None, None, "", None, _ABOUT, "less")), refuted=end)
     return [_error_bounded(question, bounds), *claims, *reached], bounds
 
 
+def _together(plant: Plant, bounds: dict[str, Bound]) -> dict[str, Bound]:
+    """Bounded and white signals at once: the error is the sum of what each do, with the same slopes, and the root mean
+    square of a sum is at most the sum of both."""
+    peaks = [bounds.get(f"error.{state}") for state in plant.states]
+    met = {f"rms.{state}": peak for state, peak in zip(plant.states, peaks, strict=True) if peak is not None}
+    added = {name: _end(peak) for name, peak in met.items()}
+    if len(met) == plant.n:
+        added["rms"] = sum((_end(peak) ** 2 for peak in met.values()), arb(0)).sqrt()
+    return {
+        name: replace(bounds[name], proved=upper_text(_end(bounds[name]) + more, _DIGITS))
+        for name, more in added.items()
+        if name in bounds
+    }
+
+
+def _end(bound: Bound) -> arb:
+    assert bound.proved is not None
+    return Exact(bound.proved).ball()
+
+
 def _reached(question: Question) -> tuple[list[Claim], dict[str, str]]:
     """How large errors become at least: claims with words that make them so, and lower ends by the bounds' names."""
     plant, claims, ends = question.plant, [], {}
-    for i, state in enumerate(plant.states if is_bounded(plant) else ()):
+    for i, state in enumerate(plant.states if is_bounded(plant) and not is_white(plant) else ()):
         met = attained(question.inclusion, i, question.effort)
         if met is None:
             continue
@@ -154,8 +181,7 @@ def _left(name: str) -> str:
 def _error_bounded(question: Question, bounds: dict[str, Bound]) -> Claim:
     """Proved where every state has a proved bound, of its size where what acts is bounded, else of its mean square."""
     plant = question.plant
-    white = plant.intensity is not None or plant.covariance is not None
-    names = [f"{'rms' if white else 'error'}.{state}" for state in plant.states]
+    names = [f"{'rms' if is_white(plant) else 'error'}.{state}" for state in plant.states]
     under = f"Under {acting_text(plant)} the error stays bounded"
     law = f"sampling {question.law.words}"
     source = "cdobs, error bounds"

@@ -17,9 +17,8 @@ if TYPE_CHECKING:
 
 
 def is_white(plant: Plant) -> bool:
-    """Whether noise or disturbance are white, and neither is a bounded signal of which nothing else is known."""
-    declared = plant.covariance is not None or plant.intensity is not None
-    return declared and plant.noise is None and plant.disturbance is None
+    """Whether noise or disturbance are white; what is said then is of their part of the error."""
+    return plant.covariance is not None or plant.intensity is not None
 
 
 def is_bounded(plant: Plant) -> bool:

@@ -155,6 +155,7 @@ class Search:
             for start, shape in zip(P, self.shapes, strict=True)
         ]
         weights = [
-            x[start : start + shape.pieces * q].reshape(shape.pieces, q) for start, shape in zip(mu, self.shapes, strict=True)
+            x[start : start + shape.pieces * q].reshape(shape.pieces, q)
+            for start, shape in zip(mu, self.shapes, strict=True)
         ]
         return Found(float(self._cost(rho) @ x), matrices, weights, x[nu:].reshape(self.lags + 1, -1))

@@ -29,8 +29,8 @@ class Signals(Generic[M]):
 
 
 def is_bounded(plant: Plant) -> bool:
-    """Whether what acts on the error is bounded: boxes are declared, and nothing white."""
-    return plant.intensity is None and plant.covariance is None and not (plant.disturbance is plant.noise is None)
+    """Whether boxes are declared of noise or disturbance; what is said then is of their part of the error."""
+    return plant.disturbance is not None or plant.noise is not None
 
 
 def exact_signals(inclusion: HybridInclusion) -> Signals[Any]:
