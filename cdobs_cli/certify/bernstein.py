@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 from functools import cache
+from itertools import pairwise
 
 Rows = tuple[tuple[Fraction, ...], ...]
 
@@ -33,6 +34,22 @@ def derivative(d: int, D: int) -> Rows:
     """(D + 1, d + 1): the derivative with respect to the piece's own variable in [0, 1], in degree D >= d - 1 >= 0."""
     difference = tuple(tuple(Fraction((j == i + 1) - (j == i)) * d for j in range(d + 1)) for i in range(d))
     return _product(elevation(d - 1, D), difference)
+
+
+@cache
+def restriction(d: int, start: Fraction, end: Fraction) -> Rows:
+    """(d + 1, d + 1): the same polynomial's coefficients on the part [start, end] of its piece [0, 1]."""
+    return tuple(
+        tuple(_blossom(d, column, [start] * (d - k) + [end] * k) for column in range(d + 1)) for k in range(d + 1)
+    )
+
+
+def _blossom(d: int, column: int, arguments: list[Fraction]) -> Fraction:
+    """De Casteljau's scheme on the coefficients of one Bernstein polynomial, an argument a step."""
+    values = [Fraction(j == column) for j in range(d + 1)]
+    for t in arguments:
+        values = [(1 - t) * left + t * right for left, right in pairwise(values)]
+    return values[0]
 
 
 def _identity(size: int) -> Rows:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
 
 _ITERATIONS = 100
+# Of the cost's largest entry: with a cost of 1 the solver stops short of its tolerance on chains of functions.
+_COST = 1e-3
 
 
 def symmetric_basis(size: int) -> Array:
@@ -92,7 +94,7 @@ class BlockProgram:
         rows, columns = rows[fresh], columns[fresh]
         pointers = np.concatenate([[0], np.cumsum(np.bincount(columns, minlength=self.size))])
         A = SparseColumns(data, rows, pointers, (self._height, self.size))
-        size = float(np.abs(cost).max()) or 1.0
+        size = float(np.abs(cost).max()) / _COST or 1.0
         x, record = ask_clarabel(
             cost / size, A, np.concatenate(self._right), self._cones, tolerance, _ITERATIONS
         )  # fmt: skip

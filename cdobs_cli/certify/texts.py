@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING
@@ -13,9 +14,13 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+_DECIMAL = re.compile(r"-?(0|[1-9][0-9]{0,60})(\.[0-9]{1,60})?")
+
 
 def rational(text: str) -> Fraction:
     """Raises: ExpressionError, ValueError on what is no rational, or one beyond all bounds."""
+    if _DECIMAL.fullmatch(text):  # the parser is for what people type; certificates hold thousands of these
+        return Fraction(text)
     value = Exact(text).rational
     if value is None:
         raise ValueError("a certificate holds rationals")

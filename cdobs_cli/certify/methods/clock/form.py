@@ -67,10 +67,11 @@ def flow_coefficients(P: list[Any], shape: Shape, lengths: list[Any]) -> Iterato
     for j, h in enumerate(lengths):
         local = P[j * shape.d : (j + 1) * shape.d + 1]
         for g, e in zip(G, E, strict=True):
-            yield _combination(g, local), _combination(e, local) * h
+            yield combination(g, local), combination(e, local) * h
 
 
-def _combination(weights: tuple[Fraction, ...], matrices: list[Any]) -> Any:
+def combination(weights: tuple[Fraction, ...], matrices: list[Any]) -> Any:
+    """sum_k weights_k matrices_k."""
     terms = [matrix * weight for weight, matrix in zip(weights, matrices, strict=True) if weight]
     total = terms[0] if terms else matrices[0] * 0
     for term in terms[1:]:

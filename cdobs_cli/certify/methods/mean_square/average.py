@@ -104,10 +104,11 @@ class Average(Method):
         Z = proved.weight(identity_on(n, proved.N))
         if not (positive(P[0]) and proved.falls(P[0], P) and proved.flows(P, Z)):
             return NOTHING
-        kicked, drifted = arb((P[0] @ proved.spread).trace()), proved.drifted(P)
+        kicked = arb((P[0] @ proved.spread).trace())
+        drifted = proved.sums(proved.traces(P, proved.drift))
         gamma = arb(0)
         for number in sample_instants(proved.shape):
-            gamma = gamma.max((kicked + arb(drifted[number])) / arb(proved.times[number]))
+            gamma = gamma.max((kicked + arb(drifted[number].trace())) / arb(proved.times[number]))
         return Proof(True, error=gamma.upper().sqrt().upper()) if gamma.is_finite() else NOTHING
 
 

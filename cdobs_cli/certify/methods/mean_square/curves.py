@@ -94,18 +94,21 @@ class Curves:
         value: Array = np.einsum("knt,tij->knij", entries, self.basis)
         return value
 
+    def price_rows(self, k: int, M: Array) -> Array:
+        """Rows over the unknowns: the Bernstein coefficients of tr(P_k M)."""
+        price = np.einsum("tij,ji->t", self.basis, M)
+        rows = np.zeros((self.shape.count, self.size))
+        for number in range(self.shape.count):
+            rows[number, self.columns(k, number)] = price
+        return rows
+
     def sum_rows(self, k: int, M: Array) -> Array:
         """Rows over the unknowns: the Bernstein coefficients of int_0^tau tr(P_k M), as `sums` numbers them."""
-        price = np.einsum("tij,ji->t", self.basis, M)
-        units = np.zeros((self.shape.count, self.size))
-        for number in range(self.shape.count):
-            units[number, self.columns(k, number)] = price
-        return np.array(sums(list(units), self.shape, self.lengths))
+        return np.array(sums(list(self.price_rows(k, M)), self.shape, self.lengths))
 
     def start_row(self, k: int, M: Array) -> Array:
         """tr(P_k(0) M) as a row over the unknowns."""
-        row = np.zeros(self.size)
-        row[self.columns(k, 0)] = np.einsum("tij,ji->t", self.basis, M)
+        row: Array = self.price_rows(k, M)[0]
         return row
 
     @cached_property

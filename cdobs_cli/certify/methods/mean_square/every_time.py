@@ -18,19 +18,23 @@ on noise and disturbance: where it does, the bound may fail (the average form ho
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
-from math import ceil, log
+from math import ceil, floor, log
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from flint import arb
 
+from cdobs_cli.certify.bernstein import restriction
+from cdobs_cli.certify.blocks import BlockProgram
 from cdobs_cli.certify.floats import exponentials, spectral_radii
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
-from cdobs_cli.certify.methods.clock.form import Shape
+from cdobs_cli.certify.methods.clock.form import Shape, combination
 from cdobs_cli.certify.methods.mean_square.average import EPSILONS
 from cdobs_cli.certify.methods.mean_square.curves import Curves
+from cdobs_cli.certify.methods.mean_square.form import sums
 from cdobs_cli.certify.methods.mean_square.polynomial import (
     Proved,
     Texts,
@@ -46,7 +50,7 @@ from cdobs_cli.certify.methods.mean_square.signals import is_white, noise_floats
 from cdobs_cli.certify.texts import rational
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
-from cdobs_cli.exact.numbers import decimal_text
+from cdobs_cli.exact.numbers import decimal_text, fraction_text
 from cdobs_cli.plant import Plant
 
 if TYPE_CHECKING:
@@ -56,12 +60,14 @@ _TIME_CONSTANTS = 3.0
 _LAGS = (4, 8, 10, 12)  # at most, by effort
 _LARGEST = 1500  # unknowns
 _TAILS = ((0.5,), (0.5, 0.25), (0.5, 0.25, 0.75), (0.5, 0.25, 0.75, 0.1))  # rho between the radius and 1, by effort
+_SPLITS = (2, 6, 12, 24)  # of the window with the largest bound, by effort
+_GAIN = 0.985  # a split that leaves more of the bound is the last
 
 
 @dataclass(frozen=True)
 class EveryTime(Method):
-    """state: which error, from 0; shape, units: as of the average; rho: of the tail; windows: the piece at which each
-    ends, the last ends with the last piece; P: for each window the chain P_0 .. P_N."""
+    """state: which error, from 0; shape, units: as of the average; rho: of the tail; windows: where each ends, in
+    pieces; P: for each window the chain P_0 .. P_N."""
 
     state: str
     shape: list[str]
@@ -111,79 +117,99 @@ class EveryTime(Method):
         if setting is None or not radius < 1:
             return None
         form = shape(question, 1 + _LAGS[question.level])
-        windows = list(range(1, form.pieces + 1))
-        N = lags(radius, form, setting.N, question.level)
-        best: tuple[float, Self] | None = None
-        for share in _TAILS[question.level]:
-            rho = decimal_text(min(radius + (1 - radius) * share, 0.9999), 6)
-            made = cls._at(question, setting, form, state, windows, N, rho)
-            error = None if made is None else made.prove(question).error
-            if made is not None and error is not None and (best is None or float(error) < best[0]):
-                best = float(error), made
-        return None if best is None else best[1]
-
-    @classmethod
-    def _at(
-        cls, question: Question, setting: Setting, form: Shape, state: int, windows: list[int], N: int, rho: str
-    ) -> Self | None:
-        z = np.zeros(setting.N)
-        z[state] = setting.states[state]
+        search = Search(question, setting, form, state, lags(radius, form, setting.N, question.level))
+        tails = [decimal_text(min(radius + (1 - radius) * share, 0.9999), 6) for share in _TAILS[question.level]]
         for epsilon in EPSILONS[1:]:
-            chains: list[list[Texts]] = []
-            for place, end in enumerate(windows):
-                start = windows[place - 1] if place else 0
-                search = ChainSearch.of(question, setting, form, N, (start, end), epsilon)
-                P = search.solve(np.outer(z, z), float(rho), question.memory)
-                if P is None:
-                    return None
-                chains.append([texts(one) for one in P])
-            ends = [str(end) for end in windows]
-            made = cls(
-                question.law, str(state), shape_texts(form), unit_texts(setting.states), rho, ends, chains
-            )  # fmt: skip
+            search.epsilon = epsilon
+            met = search.best(tails)
+            if met is None:
+                continue
+            rho, parts = met
+            ends = [fraction_text(window.piece + window.end) for window in parts]
+            P = [[texts(one) for one in chain.P] for chain in parts.values()]
+            made = cls(question.law, str(state), shape_texts(form), unit_texts(setting.states), rho, ends, P)
             if made.prove(question).holds:
                 return made
         return None
 
     def _prove(self, question: Question) -> Proof:
-        rho, ends = rational(self.rho), [int(end) for end in self.windows]
+        rho = rational(self.rho)
         if not self.applies(question) or not 0 < rho < 1 or not 0 <= int(self.state) < question.plant.n:
             return NOTHING
         proved = Proved.of(question, shape_of(self.shape, self.law), self.units)
-        starts = [0, *ends[:-1]]
-        if ends != sorted(set(ends)) or ends[:1] < [1] or ends[-1] != proved.shape.pieces or len(self.P) != len(ends):
-            return NOTHING
         most = arb(0)
-        for start, end, chain in zip(starts, ends, self.P, strict=True):
-            bound = self._bound(proved, [matrices(one, proved.shape, proved.N) for one in chain], start, end, rho)
-            if bound is None or not bound.is_finite():
+        for window, texts_of_chain in zip(windows(proved.shape, self.windows), self.P, strict=True):
+            chain = [matrices(one, proved.shape, proved.N) for one in texts_of_chain]
+            if not self._holds(proved, chain, window, rho):
                 return NOTHING
-            most = most.max(bound)
-        return Proof(True, error=most.upper().sqrt().upper())
+            most = most.max(_bound(proved, chain, window, rho))
+        return Proof(True, error=most.upper().sqrt().upper()) if most.is_finite() else NOTHING
 
-    def _bound(
-        self, proved: Proved, chain: list[list[Matrix]], start: int, end: int, rho: Fraction
-    ) -> arb | None:  # fmt: skip
-        """The bound of E (z'e)^2 for the clock in one window; None where it is not proved."""
-        shape, N = proved.shape, len(chain) - 1
+    def _holds(self, proved: Proved, chain: list[list[Matrix]], window: Window, rho: Fraction) -> bool:
+        """Whether the inequalities of one chain are proved."""
+        N = len(chain) - 1
         if N < 1:
-            return None
+            return False
         target = proved.weight(_square(int(self.state), proved.N))
-        window = range(start * shape.d, end * shape.d + 1)
-        if not all(positive(chain[0][number] - target) for number in window):
-            return None
-        if not all(proved.falls(chain[k - 1][0], chain[k]) for k in range(1, N + 1)):
-            return None
-        if not proved.falls(chain[N][0], chain[N], rho * rho):
-            return None
-        if not all(proved.flows(P, until=shape.pieces if k else end) for k, P in enumerate(chain)):
-            return None
-        total = arb(0)
-        for k, P in enumerate(chain):
-            drifted = proved.drifted(P)[(shape.pieces if k else end) * (shape.d + 1)]
-            q = arb((P[0] @ proved.spread).trace()) + arb(drifted)
-            total += q if k < N else q / (1 - fraction_ball(rho * rho))
-        return total
+        return (
+            all(positive(P - target) for P in window.inside(chain[0], proved.shape))
+            and all(proved.falls(chain[k - 1][0], chain[k]) for k in range(1, N + 1))
+            and proved.falls(chain[N][0], chain[N], rho * rho)
+            and all(proved.flows(P, until=None if k else window.piece + 1) for k, P in enumerate(chain))
+        )
+
+
+@dataclass(frozen=True)
+class Window:
+    """A part [start, end] of a piece of the clock's range; the piece is [0, 1]."""
+
+    piece: int
+    start: Fraction
+    end: Fraction
+
+    def inside(self, P: list[Any], form: Shape, number: Callable[[Fraction], Any] = Fraction) -> list[Any]:
+        """The Bernstein coefficients of P on the window, with weights of this kind."""
+        local = P[self.piece * form.d : (self.piece + 1) * form.d + 1]
+        rows = restriction(form.d, self.start, self.end)
+        return [combination(tuple(map(number, weights)), local) for weights in rows]
+
+    def until_end(
+        self, q: list[Any], form: Shape, lengths: list[Any], number: Callable[[Fraction], Any] = Fraction
+    ) -> Any:
+        """int q from tau = 0 to the end of the window."""
+        first = Window(self.piece, Fraction(0), self.end).inside(q, form, number)
+        part = sum(first[1:], first[0]) * lengths[self.piece] * number(self.end / (form.d + 1))
+        return sums(q, form, lengths)[self.piece * (form.d + 1)] + part
+
+    def split(self) -> tuple[Window, Window]:
+        middle = (self.start + self.end) / 2
+        return Window(self.piece, self.start, middle), Window(self.piece, middle, self.end)
+
+
+def windows(form: Shape, ends: list[str]) -> list[Window]:
+    """The windows that end there; together they cover the pieces. Raises: ValueError where they do not."""
+    made: list[Window] = []
+    last = Fraction(0)
+    for end in map(rational, ends):
+        piece = floor(last)
+        if not last < end <= piece + 1:
+            raise ValueError("windows are parts of one piece each, one behind the other")
+        made.append(Window(piece, last - piece, end - piece))
+        last = end
+    if last != form.pieces:
+        raise ValueError("windows cover all of the clock's range")
+    return made
+
+
+def _bound(proved: Proved, chain: list[list[Matrix]], window: Window, rho: Fraction) -> arb:
+    """q_0 + .. + q_(N-1) + q_N / (1 - rho^2)."""
+    total, N = arb(0), len(chain) - 1
+    for k, P in enumerate(chain):
+        q = proved.traces(P, proved.drift)
+        drifted = proved.sums(q)[-1] if k else window.until_end(q, proved.shape, proved.lengths)
+        added = arb((P[0] @ proved.spread).trace()) + arb(drifted.trace())
+        total += added if k < N else added / (1 - fraction_ball(rho * rho))
+    return total
 
 
 def _square(state: int, N: int) -> Matrix:
@@ -205,48 +231,84 @@ def lags(radius: float, form: Shape, N: int, level: int) -> int:
     return max(1, min(max(2, wanted), _LAGS[level], bearable))
 
 
+@dataclass(frozen=True)
+class Chain:
+    """A guess: coefficients of P_0 .. P_N, (N + 1, coefficients, N, N), and the bound that they give."""
+
+    P: Array
+    bound: float
+
+
 @dataclass
-class ChainSearch:
-    """minimise the bound over P_0 .. P_N, in floats and unit time; unknowns: the P_k."""
+class Search:
+    """minimise the bound of one state over P_0 .. P_N, in floats and unit time; unknowns: the P_k."""
 
-    curves: Curves
-    jumps: Array
-    spread: Array
-    drift: Array
-    window: tuple[int, int]
+    question: Question
+    setting: Setting
+    form: Shape
+    state: int
+    lags: int
+    epsilon: float = EPSILONS[1]
 
-    @staticmethod
-    def of(
-        question: Question, setting: Setting, form: Shape, N: int, window: tuple[int, int], epsilon: float
-    ) -> ChainSearch:  # fmt: skip
-        R, Q = noise_floats(question.plant)
-        pieces = [window[1], *[form.pieces] * N]
+    def best(self, tails: list[str]) -> tuple[str, dict[Window, Chain]] | None:
+        """The tail that serves the last window best, and the chains of windows that cover the clock's range: the one
+        with the largest bound is split while that helps."""
+        last = Window(self.form.pieces - 1, Fraction(0), Fraction(1))
+        met = [(rho, chain) for rho in tails if (chain := self.chain(last, rho)) is not None]
+        if not met:
+            return None
+        rho, found = min(met, key=lambda pair: pair[1].bound)
+        chains = {last: found}
+        for piece in range(self.form.pieces - 1):
+            window = Window(piece, Fraction(0), Fraction(1))
+            chain = self.chain(window, rho)
+            if chain is None:
+                return None
+            chains[window] = chain
+        for _ in range(_SPLITS[self.question.level]):
+            worst = max(chains, key=lambda window: chains[window].bound)
+            parts = {half: chain for half in worst.split() if (chain := self.chain(half, rho)) is not None}
+            if len(parts) < 2 or max(chain.bound for chain in parts.values()) > _GAIN * chains[worst].bound:
+                break
+            del chains[worst]
+            chains |= parts
+        return rho, dict(sorted(chains.items(), key=lambda pair: (pair[0].piece, pair[0].start)))
+
+    def chain(self, window: Window, rho: str) -> Chain | None:
+        setting, form, N = self.setting, self.form, self.lags
         nothing = np.zeros((N + 1, setting.N, setting.N))
-        curves = Curves(form, setting.shortest, setting.flows, nothing, 0, epsilon, until=pieces)
-        drift = setting.drive @ Q @ setting.drive.T / setting.T
-        return ChainSearch(curves, setting.jumps, setting.kick @ R @ setting.kick.T, drift, window)
-
-    def solve(self, target: Array, rho: float, memory: dict[Any, Any]) -> Array | None:
-        """Coefficients of P_0 .. P_N: a guess."""
-        curves, (start, end) = self.curves, self.window
-        d, N = curves.shape.d, curves.count - 1
-        key = ("every time", curves.shape, N, end)
-        curves.cuts = set(memory.get(key, ()))
-        program = curves.program()
-        above = target + curves.epsilon * np.eye(curves.N)
-        curves.require_above(program, 0, range(start * d, end * d + 1), above)
+        until = [window.piece + 1, *[form.pieces] * N]
+        curves = Curves(form, setting.shortest, setting.flows, nothing, 0, self.epsilon, until=until)
+        key = ("every time", form, N, window.piece)
+        curves.cuts = set(self.question.memory.get(key, ()))
+        z = np.eye(setting.N)[self.state] * setting.states[self.state]
+        program, share = curves.program(), float(rho) ** 2
+        self._require_above(curves, program, np.outer(z, z), window)
         for k in range(1, N + 1):
-            curves.require_jumps(program, self.jumps, k - 1, k)
-        curves.require_jumps(program, self.jumps, N, N, rho * rho)
-        cost = np.zeros(curves.size)
-        for k in range(N + 1):
-            last = (curves.shape.pieces if k else end) * (d + 1)
-            q = curves.start_row(k, self.spread) + curves.sum_rows(k, self.drift)[last]
-            cost += q / (1 - rho * rho) if k == N else q
+            curves.require_jumps(program, setting.jumps, k - 1, k)
+        curves.require_jumps(program, setting.jumps, N, N, share)
+        R, Q = noise_floats(self.question.plant)
+        spread, drift = setting.kick @ R @ setting.kick.T, setting.drive @ Q @ setting.drive.T / setting.T
+        costs = [curves.start_row(k, spread) + curves.sum_rows(k, drift)[-1] for k in range(N + 1)]
+        q = list(curves.price_rows(0, drift))
+        costs[0] = curves.start_row(0, spread) + window.until_end(q, form, curves.lengths, float)
+        costs[N] = costs[N] / (1 - share)
+        cost = np.sum(costs, axis=0)
         x = curves.minimise(cost, program)
-        memory[key] = curves.cuts
+        self.question.memory[key] = curves.cuts
         if x is None:
             return None
-        P = curves.coefficients(x)
-        P[0, end * d + 1 :] = P[0, end * d]  # beyond the window nothing is asked of it
-        return P
+        P, last = curves.coefficients(x), (window.piece + 1) * form.d
+        P[0, last + 1 :] = P[0, last]  # beyond the window nothing is asked of it
+        return Chain(P, float(cost @ x))
+
+    def _require_above(self, curves: Curves, program: BlockProgram, target: Array, window: Window) -> None:
+        """P_0 - z z' >= epsilon I on the window."""
+        first = window.piece * self.form.d
+        numbers = range(first, first + self.form.d + 1)
+        columns = np.concatenate([curves.columns(0, number) for number in numbers])
+        weights = np.array(restriction(self.form.d, window.start, window.end), dtype=float)
+        terms = weights[:, :, None, None, None] * curves.basis
+        terms = terms.reshape(len(weights), len(columns), curves.N, curves.N)
+        constants = -target - self.epsilon * np.eye(curves.N)
+        program.require(np.broadcast_to(columns, (len(weights), len(columns))), terms, constants)

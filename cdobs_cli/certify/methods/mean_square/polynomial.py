@@ -157,12 +157,13 @@ class Proved:
         numbers = range(self.shape.jump_from, self.shape.count)
         return all(positive(jump_gap(P_after, P_before[number] * share, J)) for number in numbers for J in self.jumps)
 
-    def traces(self, P: list[Matrix], M: Matrix) -> list[Any]:
-        return [(one @ M).trace() for one in P]
+    def traces(self, P: list[Matrix], M: Matrix) -> list[Matrix]:
+        """tr(P M) of each coefficient, (1, 1) each."""
+        return [Matrix.from_rows([[(one @ M).trace()]]) for one in P]
 
-    def drifted(self, P: list[Matrix]) -> list[Any]:
-        """The coefficients of int_0^tau tr(P B Q B')."""
-        return sums(self.traces(P, self.drift), self.shape, self.lengths)
+    def sums(self, q: list[Matrix]) -> list[Matrix]:
+        """The coefficients of int_0^tau q."""
+        return sums(q, self.shape, self.lengths)
 
     @cached_property
     def times(self) -> list[Any]:
