@@ -72,11 +72,12 @@ def merit(weights: Sequence[float] | None) -> Merit:
 
 
 def _asked(question: Question) -> Iterator[tuple[type[Method], Question]]:
-    """Every method with what it is asked: about each state, a mean square also about all of them."""
+    """Every method with what it is asked: about each state, or about all of them."""
     for method in METHODS:
         if method.applies(question):
-            yield from ((method, question.of_state(i)) for i in range(question.plant.n))
-            if method.reach == "mean square":
+            states = range(question.plant.n) if method.of_one_state else ()
+            yield from ((method, question.of_state(i)) for i in states)
+            if not method.of_one_state:
                 yield method, question
 
 

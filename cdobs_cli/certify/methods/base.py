@@ -131,7 +131,7 @@ class Method(ABC):
     name: how it is stored. rung: its line in the ladder of methods. source: whose theorem. how: how it is proved.
     statement: what it says, without the law. exact: whether the best gain that it finds is the best there is.
     endless: whether it holds however long the periods are. nonlinear_outputs: whether it takes outputs whose slopes
-    vary.
+    vary. of_one_state: whether it is asked about the error of one state (`Question.state`).
     """
 
     law: SamplingLaw
@@ -145,6 +145,7 @@ class Method(ABC):
     exact: ClassVar[bool] = False
     endless: ClassVar[bool] = False
     nonlinear_outputs: ClassVar[bool] = False
+    of_one_state: ClassVar[bool] = False
 
     @classmethod
     def applies(cls, question: Question) -> bool:

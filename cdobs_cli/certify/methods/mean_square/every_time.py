@@ -86,6 +86,7 @@ class EveryTime(Method):
     )
     reach: ClassVar[Reach] = "mean square"
     nonlinear_outputs: ClassVar[bool] = True
+    of_one_state: ClassVar[bool] = True
 
     def quantity(self, plant: Plant) -> str:
         """Which bound `Proof.error` is: the root of E e_i^2 at the worst time. Raises: ValueError, IndexError."""
@@ -97,8 +98,8 @@ class EveryTime(Method):
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:
-        """Of the first state; `each` has one of every state."""
-        return cls.of_state(question, 0)
+        """The certificate of the least bound met for the error of the question's state."""
+        return None if question.state is None else cls.of_state(question, question.state)
 
     @classmethod
     def each(cls, question: Question) -> list[Self]:

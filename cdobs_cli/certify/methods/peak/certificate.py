@@ -53,6 +53,7 @@ class Peak(Method):
     statement: ClassVar[str] = "The error stays bounded"
     reach: ClassVar[Reach] = "error bound"
     nonlinear_outputs: ClassVar[bool] = True
+    of_one_state: ClassVar[bool] = True
 
     @classmethod
     def applies(cls, question: Question) -> bool:

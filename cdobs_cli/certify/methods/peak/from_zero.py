@@ -84,6 +84,7 @@ class PeakFromZero(Method):
     how: ClassVar[str] = "exact Bernstein coefficients"
     statement: ClassVar[str] = "The error stays bounded"
     reach: ClassVar[Reach] = "error bound"
+    of_one_state: ClassVar[bool] = True
     nonlinear_outputs: ClassVar[bool] = False
 
     @classmethod
