@@ -50,11 +50,11 @@ def front(
     """Points by increasing period, each at least as good as what a proof for a law that holds it gives.
 
     Args:
-        question: under the design's law.
+        question: under the design's law; every point is looked at with little effort, this design's too.
         find: a gain for a question's law; own: the design's.
     """
     law = question.law
-    points = [_point(question, letter, own)]
+    points = [_point(question.with_effort(0), letter, own)]
     for share in _SHORTER:
         points += _found(question.at(search.short(share * float(law.T_max), 3)), letter, find)
     for share in _LONGER:
