@@ -20,7 +20,7 @@ from cdobs_cli.codec import read_fields
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text
 from cdobs_cli.hybrid import HybridInclusion
-from cdobs_cli.plant import Plant
+from cdobs_cli.plant import Box, Plant
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
@@ -40,7 +40,8 @@ class Question:
 
     rate: sigma >= 0, per time unit. effort: 0..3, how hard a search looks. card: the observer block, for methods
     that read an option of it. memory: what a search keeps from one period or gain to the next; never evidence.
-    state: number of the state whose error is to be bounded, where that is what is asked.
+    state: number of the state whose error is to be bounded, where that is what is asked; start: the errors before the
+    first sample, where it is asked for all time from them.
     """
 
     inclusion: HybridInclusion
@@ -49,6 +50,7 @@ class Question:
     card: Any = None
     memory: dict[Any, Any] = field(default_factory=dict, compare=False, repr=False)
     state: int | None = None
+    start: Box | None = None
 
     @property
     def law(self) -> SamplingLaw:
@@ -91,6 +93,10 @@ class Question:
 
     def with_effort(self, effort: int) -> Question:
         return replace(self, effort=effort)
+
+    def started(self, start: Box) -> Question:
+        """The same question for all time from these errors before the first sample."""
+        return replace(self, start=start)
 
     def of_state(self, i: int) -> Question:
         """The same question about the error of one state."""

@@ -4,7 +4,7 @@ functions of the last sampling intervals, one for each window of the time since 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -18,8 +18,17 @@ from cdobs_cli.certify.methods.clock.form import Shape, in_basis
 from cdobs_cli.certify.methods.peak.chain import Chain
 from cdobs_cli.certify.methods.peak.signals import exact_signals, is_bounded
 from cdobs_cli.certify.methods.peak.sizes import Sizes, float_signals, signal_sizes, sizes
-from cdobs_cli.certify.methods.peak.state import number_of, unit
+from cdobs_cli.certify.methods.peak.start import first_vertices
+from cdobs_cli.certify.methods.peak.state import (
+    before_first_sample,
+    number_of,
+    quantity_of,
+    start_box,
+    start_texts,
+    unit,
+)
 from cdobs_cli.certify.texts import upper_texts
+from cdobs_cli.codec import OPTIONAL
 from cdobs_cli.exact.numbers import decimal_text, fraction_text
 from cdobs_cli.plant import Plant
 
@@ -41,10 +50,12 @@ _WINDOWS = 4  # for an error that samples do not change
 
 @dataclass(frozen=True)
 class Peak(Method):
-    """state: number of the state, from 0. chains: their windows cover all times between samples."""
+    """state: number of the state, from 0. chains: their windows cover all times between samples. start: the intervals
+    of the errors before the first sample, where the bound is one for all time from them."""
 
     state: str
     chains: list[Chain]
+    start: list[list[str]] | None = field(default=None, metadata={OPTIONAL: True})
 
     name: ClassVar[str] = "peak"
     rung: ClassVar[str] = "peak"
@@ -67,6 +78,8 @@ class Peak(Method):
         """The least bound found for the error of the question's state. The memory keeps rho of the tail."""
         if question.state is None or not cls.applies(question):
             return None
+        if question.start is not None and _vertices(question) is None:
+            return None
         sized = _sizes(question)
         if sized is None or not sized.radius < 1:
             return None
@@ -76,7 +89,7 @@ class Peak(Method):
             if chain is None:
                 return None
             chains.append(chain)
-        proposal = cls(question.law, str(question.state), chains)
+        proposal = cls(question.law, str(question.state), chains, start_texts(question.start))
         return proposal if proposal.prove(question).holds else None
 
     def _prove(self, question: Question) -> Proof:
@@ -84,18 +97,22 @@ class Peak(Method):
         if not self.applies(question) or not _covers([chain.shares for chain in self.chains]):
             return NOTHING
         maps, signals = inclusion.balls, exact_signals(inclusion)
-        z = unit(maps.base.shape[0], number_of(self.state, question.plant))
-        squares = [chain.bound_squared(maps, signals, z, self.law) for chain in self.chains]
-        if any(square is None for square in squares):
+        i, start = number_of(self.state, question.plant), start_box(self.start, question.plant)
+        first = None if start is None else first_vertices(maps, signals, start)
+        if start is not None and first is None:
             return NOTHING
-        largest = arb(0)
-        for square in squares:
-            largest = largest.max(arb(square))
-        return Proof(True, error=largest.sqrt())
+        largest, z = arb(0), unit(maps.base.shape[0], i)
+        for chain in self.chains:
+            squared = chain.bound_squared(maps, signals, z, self.law, first)
+            if squared is None:
+                return NOTHING
+            largest = largest.max(squared)
+        error = largest.sqrt()
+        return Proof(True, error=error if start is None else error.max(before_first_sample(start, i)))
 
     def quantity(self, plant: Plant) -> str:
         """The name of the bound."""
-        return f"error.{plant.states[number_of(self.state, plant)]}"
+        return quantity_of(self.state, self.start, plant)
 
     def certificate(self, gain: Any = None) -> Certificate:
         written = super().certificate(gain)
@@ -121,8 +138,11 @@ def _sizes(question: Question) -> Sizes | None:
     parts = (maps.base, maps.jump, *maps.parts, *maps.jump_parts)
     if not all(np.all(np.isfinite(part)) for part in parts) or not 0 < float(law.T_max) < 1e12:
         return None
-    periods = sorted({float(law.T_min), float(law.T_max)})
-    return sizes(maps, *float_signals(question.inclusion), periods)
+    B, G = float_signals(question.inclusion)
+    vertices = _vertices(question)
+    if vertices is not None:  # a start counts as noise of its size
+        G = np.concatenate([G, np.diag(np.abs(vertices).max(axis=0))], axis=1)
+    return sizes(maps, B, G, sorted({float(law.T_min), float(law.T_max)}))
 
 
 def _windows(question: Question, i: int) -> list[tuple[Fraction, Fraction]]:
@@ -145,13 +165,16 @@ def _chain(question: Question, i: int, sized: Sizes, window: tuple[Fraction, Fra
     unit_time = maps.mapped(lambda flow: flow * T, lambda J: J)
     B, G = float_signals(question.inclusion)
     B, G = B / scale[:, None] * T, G / scale[:, None]
+    vertices = _vertices(question)
+    vertices = None if vertices is None else vertices / scale
     lags = _lags(question, sized.radius)
     first, others = _shapes(question, lags, window)
     z = np.eye(N)[:, [i]]
     for eps in _ROOM:
+        cuts = question.memory.setdefault(("peak", first, others), set())
         search = Search(
-            unit_time, B, G, first, others, lags, float(law.T_min) / T,
-            (float(window[0]), float(window[1])), eps, question.memory.setdefault(("peak", first, others), set()),
+            unit_time, B, G, first, others, lags, float(law.T_min) / T, (float(window[0]), float(window[1])), eps, cuts,
+            vertices,
         )  # fmt: skip
         best: tuple[Found, float] | None = None
         kept = question.memory.get("peak rho")
@@ -172,6 +195,15 @@ def _holds(question: Question, i: int, chain: Chain) -> bool:
     maps = question.inclusion.balls
     z = unit(maps.base.shape[0], i)
     return chain.bound_squared(maps, exact_signals(question.inclusion), z, question.law) is not None
+
+
+def _vertices(question: Question) -> Array | None:
+    """What the error may be just after the first sample, (V, N), where a transient is asked for."""
+    if question.start is None:
+        return None
+    inclusion = question.inclusion
+    vertices = first_vertices(inclusion.balls, exact_signals(inclusion), question.start)
+    return None if vertices is None else np.array([vertex.floats[:, 0] for vertex in vertices])
 
 
 def _rhos(radius: float) -> Iterator[float]:

@@ -13,6 +13,14 @@ then, mu constant on each piece and D_k = sum_j d0_j^2 int mu_kj over [0, T_max]
     limsup (z'e)^2 <= M + sum_(k=0..N) D_k + sum_(k=1..N) sum_j nu_kj v0_j^2,
     M = (rho^2 D_N + sum_j nu_j v0_j^2) / (1 - rho^2),    over all times with tau in [ta, tb].
 
+Counted from the first sample instead, with e in a known set just after it, the chain is cut off there: in interval q,
+q = 0 .. N, V_q(0) at that time takes the place of M and of the lags above q, so that
+
+    (z'e)^2 <= e'P_q(0)e + sum_(k=0..q) D_k + sum_(k=1..q) sum_j nu_kj v0_j^2,
+
+and later (z'e)^2 is at most the first bound with the larger of M and e'P_N(0)e in place of M: V_N keeps below the
+larger of its start and its fixed point. The transient is at most the largest of all these.
+
 V_N just after a sample is at most rho^2 (V_N + D_N) + nu v^2 from one sample to the next, and M is the fixed point;
 V_(k-1) after a sample is at most V_k before it and nu_k v^2. Where the outputs' slopes vary, |J e + G v|^2 in the form
 of P(0) is convex in J: P_0(tau) > z z' >= 0 and the flow give P_0(0) >= 0, the jump P_1(tau) >= 0 on [T_min, T_max]
@@ -21,11 +29,13 @@ and so on down the lags, so corners of J suffice. mu and nu need no sign of thei
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from typing import Any
+
+from flint import arb
 
 from cdobs_cli.certify.definite import has_positive_pivots
 from cdobs_cli.certify.methods.clock.form import Shape, flow_coefficients
@@ -71,9 +81,17 @@ class Chain(Noun):
         low, high = map(rational, self.window)
         return low, high
 
-    def bound_squared(self, maps: ErrorMaps[Matrix], signals: Signals[Matrix], z: Matrix, law: SamplingLaw) -> Any:
-        """b^2 with limsup (z'e)^2 <= b^2 at times in the window, a rational or ball; None where nothing is proved."""
-        return _Reading(self, maps, signals, z, law).bound_squared()
+    def bound_squared(
+        self, maps: ErrorMaps[Matrix], signals: Signals[Matrix], z: Matrix, law: SamplingLaw,
+        start: Sequence[Matrix] | None = None,
+    ) -> arb | None:  # fmt: skip
+        """b^2 with limsup (z'e)^2 <= b^2 at times in the window; None where nothing is proved.
+
+        Args:
+            start: the vertices of what e may be just after the first sample, (N, 1) each: then (z'e)^2 <= b^2 at every
+                time in the window from that sample on.
+        """
+        return _Reading(self, maps, signals, z, law).bound_squared(start)
 
 
 @dataclass(frozen=True)
@@ -86,7 +104,7 @@ class _Reading:
     z: Matrix
     law: SamplingLaw
 
-    def bound_squared(self) -> Any:
+    def bound_squared(self, start: Sequence[Matrix] | None) -> arb | None:
         if not self._is_whole():
             return None
         if not all(has_positive_pivots(block.balls()) for block in self._blocks()):
@@ -95,7 +113,12 @@ class _Reading:
         D = [self._fed(lag) for lag in range(last + 1)]
         *kicked, at_tail = [weighted(nu, self.signals.v0) for nu in self.nu]
         M = (D[last] * rho2 + at_tail) / (1 - rho2)
-        return M + sum(D) + sum(kicked)
+        bound = arb(M + sum(D) + sum(kicked))
+        for q in range(last + 1) if start is not None else ():
+            spent = arb(sum(D[: q + 1]) + sum(kicked[:q]))
+            for e in start or ():
+                bound = bound.max(arb((e.T @ self.P[q][0] @ e)[0, 0]) + spent)
+        return bound
 
     @cached_property
     def P(self) -> list[list[Matrix]]:

@@ -21,6 +21,9 @@ c - 2 sigma x'P x between samples, c the largest of sum_j mu_j u0_j^2 over the p
 
     limsup (z'x + g'v_k)^2 <= c / (2 sigma) + sum_j nu_j v0_j^2.
 
+From a known error before the first sample x is diag(I, 0) S^-1 e after it, and for all time from there the larger of
+x'P(0)x and c / (2 sigma) takes the place of the latter.
+
 From T_min = 0 the jump is singular at tau = 0: there P(0) = diag(P_11, Q) exactly, which leaves diag(0, Q), Q > 0.
 Without noise there is nothing to shift, and J = diag(I, j) serves with Q - j'Q j > 0, as in the clock certificate.
 A hold is in this basis as it stands, g = 0. A correction with C K = I has y = (.., C e), G_w = I and g' = K's row i;
@@ -30,9 +33,9 @@ one with C K != I keeps a part of old noise at every sample, and has no such bas
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from flint import arb
@@ -50,13 +53,18 @@ from cdobs_cli.certify.methods.clock.form import (
 )
 from cdobs_cli.certify.methods.peak.chain import diagonal, is_well_cut, scalars, weighted
 from cdobs_cli.certify.methods.peak.form import flow_block, offset_target_block
-from cdobs_cli.certify.methods.peak.signals import exact_signals, is_bounded
-from cdobs_cli.certify.methods.peak.state import number_of
+from cdobs_cli.certify.methods.peak.signals import Signals, exact_signals, is_bounded
+from cdobs_cli.certify.methods.peak.start import first_vertices
+from cdobs_cli.certify.methods.peak.state import before_first_sample, number_of, quantity_of, start_box, start_texts
 from cdobs_cli.certify.texts import rate_of, rationals, symmetric_from_upper
+from cdobs_cli.codec import OPTIONAL
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import decimal_text, fraction_text
 from cdobs_cli.hybrid import ErrorMaps
-from cdobs_cli.plant import Plant
+from cdobs_cli.plant import Box, Plant
+
+if TYPE_CHECKING:
+    from cdobs_cli.arrays import Array
 
 _DIGITS = 13
 _WIDE = 2.5  # T_max over T_min from which on this method is asked
@@ -66,7 +74,8 @@ _WIDE = 2.5  # T_max over T_min from which on this method is asked
 class PeakFromZero(Method):
     """state: number of the state, from 0. degree d of P and elevated degree D of the inequalities; pieces on [0, T_min]
     and on [T_min, T_max]; sigma; basis: S in e = S y; P: upper triangles of the Bernstein coefficients; mu: by piece;
-    nu: empty where g = 0."""
+    nu: empty where g = 0. start: the intervals of the errors before the first sample, where the bound is one for all
+    time from them."""
 
     state: str
     degree: str
@@ -77,6 +86,7 @@ class PeakFromZero(Method):
     P: list[list[list[str]]]
     mu: list[list[str]]
     nu: list[str]
+    start: list[list[str]] | None = field(default=None, metadata={OPTIONAL: True})
 
     name: ClassVar[str] = "peak_from_zero"
     rung: ClassVar[str] = "peak"
@@ -105,13 +115,22 @@ class PeakFromZero(Method):
         from cdobs_cli.certify.methods.peak.from_zero_search import proposals
 
         S = split_basis(question.inclusion)
-        if S is None or _split(question, Matrix.from_rows(S)) is None:
+        split = None if S is None else _split(question, Matrix.from_rows(S))
+        if S is None or split is None:
             return None
+        first: Array | None = None
+        if question.start is not None:
+            vertices = split.first_vertices(question.start)
+            if vertices is None:
+                return None
+            first = np.array([x.floats[:, 0] for x in vertices])
         texts = [[fraction_text(value) for value in row] for row in S]
-        for found in proposals(question, question.state, np.array(S, dtype=float)):
+        for found in proposals(question, question.state, np.array(S, dtype=float), first):
             shape, sigma = found.shape, decimal_text(found.sigma, _DIGITS)
             cut = (str(shape.d), str(shape.D), [str(shape.before), str(shape.after)])
-            proposal = cls(law, str(question.state), *cut, sigma, texts, found.P, found.mu, found.nu)
+            proposal = cls(
+                law, str(question.state), *cut, sigma, texts, found.P, found.mu, found.nu, start_texts(question.start)
+            )
             if proposal.prove(question).holds:
                 return proposal
         return None
@@ -121,7 +140,7 @@ class PeakFromZero(Method):
         return Shape(int(self.degree), int(self.elevated), int(self.pieces[0]), int(self.pieces[1]))
 
     def quantity(self, plant: Plant) -> str:
-        return f"error.{plant.states[number_of(self.state, plant)]}"
+        return quantity_of(self.state, self.start, plant)
 
     def _prove(self, question: Question) -> Proof:
         law, shape, sigma = self.law, self.shape, Matrix.from_rows([[rate_of(self.sigma)]])[0, 0]
@@ -148,8 +167,15 @@ class PeakFromZero(Method):
         c = arb(0)
         for piece in mu:
             c = c.max(arb(weighted(piece, split.sizes)))
-        squared = c / (2 * arb(sigma)) + arb(weighted(nu, split.v0 if nu else ()))
-        return Proof(True, error=squared.sqrt())
+        largest, i = c / (2 * arb(sigma)), number_of(self.state, question.plant)
+        start = start_box(self.start, question.plant)
+        first = [] if start is None else split.first_vertices(start)
+        if first is None:
+            return NOTHING
+        for x in first:
+            largest = largest.max(arb((x.T @ P[0] @ x)[0, 0]))
+        error = (largest + arb(weighted(nu, split.v0 if nu else ()))).sqrt()
+        return Proof(True, error=error if start is None else error.max(before_first_sample(start, i)))
 
     def _blocks(
         self, P: list[Matrix], mu: list[list[Any]], lengths: list[Any], split: Split, sigma: Any, z: Matrix, g: Matrix,
@@ -195,6 +221,13 @@ class Split:
         z = self.S[[i], :].T
         g = self.G.T @ z
         return z, g[[], :] if all(row[0] == 0 for row in g.tolist()) else g
+
+    def first_vertices(self, start: Box) -> list[Matrix] | None:
+        """The corners of x just after the first sample, from errors in this box before it."""
+        none = Signals(self.B, self.G[:, []], self.d0, ())  # the noise of that sample is what x is shifted by
+        jump = self.S @ self.maps.jump @ self.S.inverse()
+        vertices = first_vertices(replace(self.maps, jump=jump), none, start)
+        return None if vertices is None else [self.S.inverse() @ e for e in vertices]
 
     def begins_apart(self, P_0: Matrix) -> bool:
         """P(0) = diag(P_11, Q) exactly, and Q - j'Q j > 0 for J = diag(I, j)."""

@@ -46,8 +46,12 @@ class Found:
     nu: list[str]
 
 
-def proposals(question: Question, i: int, S: Array) -> Iterator[Found]:
-    """The least bound met for the error of state i, in the basis S; again with more room where it is not proved."""
+def proposals(question: Question, i: int, S: Array, first: Array | None) -> Iterator[Found]:
+    """The least bound met for the error of state i, in the basis S; again with more room where it is not proved.
+
+    Args:
+        first: (V, N), what the shifted error may be just after the first sample, where a transient is asked for.
+    """
     law, maps = question.law, question.inclusion.floats
     T = float(law.T_max)
     B, G = float_signals(question.inclusion)
@@ -57,11 +61,14 @@ def proposals(question: Question, i: int, S: Array) -> Iterator[Found]:
     back = np.linalg.inv(S)
     # Of what is shifted: what signals do to the coordinates of the basis, of the errors' own size.
     scale = np.abs(back) @ sized.errors
+    if first is not None:
+        scale = np.maximum(scale, np.abs(first).max(axis=0))
     scale = np.array([2.0 ** round(np.log2(x)) if x > 0 else 1.0 for x in scale])
     change = S * scale
     maps = in_basis(maps, change, np.linalg.inv(change))
     unit_time = maps.mapped(lambda flow: flow * T, lambda J: np.round(J, 9))
-    size = 2.0 ** round(np.log2(sized.errors[i])) if sized.errors[i] > 0 else 1.0
+    reach = float(np.abs(change[i]).max())
+    size = 2.0 ** round(np.log2(reach)) if reach > 0 else 1.0
     m, share = _PIECES[question.level], float(law.T_min) / T
     before = max(1, round(m * share)) if share else 0
     shape = Shape(_DEGREE, _ELEVATED, before, max(1, m - before))
@@ -69,7 +76,7 @@ def proposals(question: Question, i: int, S: Array) -> Iterator[Found]:
     for eps in _ROOM:
         search = _Search(
             unit_time, into @ B * T, into @ G, change[[i]].T / size, shape, share, eps,
-            question.memory.setdefault(("peak from zero", shape), set()),
+            question.memory.setdefault(("peak from zero", shape), set()), None if first is None else first / scale,
         )  # fmt: skip
         met = _scanned(search, sized.rate * T, question)
         if met is None:
@@ -116,6 +123,7 @@ class _Search:
     T_min: float
     eps: float
     cuts: set[Cut] = field(default_factory=set)
+    first: Array | None = None
 
     @cached_property
     def g(self) -> Array:
@@ -142,14 +150,23 @@ class _Search:
         nu = mu + self.shape.pieces * self._q
         return mu, nu, nu + len(self.g)
 
+    @property
+    def _size(self) -> int:
+        """For a transient one more: the larger of c / (2 sigma) and the start."""
+        return self._starts[-1] + 1 + (self.first is not None)
+
     def bound(self, x: Array, sigma: float) -> float:
         """b^2."""
         return float(self._cost(sigma) @ x)
 
     def _cost(self, sigma: float) -> Array:
         _, nu, c = self._starts
-        cost = np.zeros(c + 1)
-        cost[nu:c], cost[c] = 1.0, 1 / (2 * sigma)
+        cost = np.zeros(self._size)
+        cost[nu:c] = 1.0
+        if self.first is None:
+            cost[c] = 1 / (2 * sigma)
+        else:
+            cost[-1] = 1.0
         return cost
 
     def least(self, sigma: float) -> Array | None:
@@ -163,6 +180,8 @@ class _Search:
         if not self.cuts:
             self.cuts |= flows.start
         fixed = self._fixed()
+        if self.first is not None:
+            self._from_start(fixed, sigma)
         for _ in range(_ROUNDS):
             rows = fixed.copy()
             flows.impose(rows, self.cuts)
@@ -179,7 +198,7 @@ class _Search:
         """Target, jump, and c at least what each piece feeds."""
         N, t, basis = len(self.z), self._svec.length, self._svec.basis
         mu, nu, c = self._starts
-        rows, J, zero = Rows(c + 1), self.maps.jump, np.zeros((N, N))
+        rows, J, zero = Rows(self._size), self.maps.jump, np.zeros((N, N))
         wide, none = Svec(N + len(self.g)), np.zeros((len(self.g),) * 2)
         constant = wide.of(offset_target_block(zero, self.z, self.g, none)) - self.eps * wide.unit
         of_P = wide.of(np.array([offset_target_block(P, self.z * 0, self.g, none + self.g @ self.g.T) for P in basis]))
@@ -198,6 +217,15 @@ class _Search:
             fed = {mu + piece * self._q: -np.ones((self._q, 1)), c: np.ones((1, 1))}
             rows.add(1, fed, np.zeros(1))
         return rows
+
+    def _from_start(self, rows: Rows, sigma: float) -> None:
+        """The last unknown is at least c / (2 sigma), and x'P(0)x at each vertex."""
+        assert self.first is not None
+        c, last, one = self._starts[-1], self._size - 1, np.ones((1, 1))
+        rows.add(1, {c: -one / (2 * sigma), last: one}, np.zeros(1))
+        forms = np.einsum("vi,kij,vj->vk", self.first, self._svec.basis, self.first)
+        for form in np.unique(forms.round(12), axis=0):
+            rows.add(1, {0: -form[:, None], last: one}, np.zeros(1))
 
     def _begin_apart(self, rows: Rows) -> None:
         """P(0) = diag(P_11, Q), Q - j'Q j >= eps."""
@@ -230,7 +258,7 @@ class _Search:
         if self.T_min == 0:  # the equations hold exactly, not to the solver's tolerance
             P[0] = np.where(self._crossing, 0.0, P[0])
         u0, back = np.concatenate(signals), 1 / scale
-        weights = x[mu:nu].reshape(-1, self._q) * size**2 / u0**2 / T
+        weights = x[mu:nu].reshape(self.shape.pieces, self._q) * size**2 / u0**2 / T
         offsets = x[nu:c] * size**2 / signals[1] ** 2 if len(self.g) else x[nu:c]
         return Found(
             self.shape, sigma / T, [upper_texts(one * size**2 * back * back[:, None], _DIGITS) for one in P],

@@ -1,8 +1,8 @@
 """The search for a chain: one semidefinite program, cones assembled directly, corners added only where they bind.
 
 Unknowns x = (svec of every P_k,c; mu by lag, piece and column; nu by lag and column, the tail's last) in scaled states,
-unit time (T_max = 1) and signals of size 1, so that b^2 is linear in x. Every block is kept eps above 0, for what
-rounding takes.
+unit time (T_max = 1) and signals of size 1, so that b^2 is linear in x; for a transient one more, the largest of its
+terms. Every block is kept eps above 0, for what rounding takes.
 """
 
 from __future__ import annotations
@@ -41,7 +41,8 @@ class Search:
     """One chain: maps in scaled states and unit time, B and G for unit signals.
 
     first, others: shapes of lag 0 and of the others; T_min and window in unit time. cuts: (flow coefficient, corner)
-    pairs imposed, kept from one program to the next.
+    pairs imposed, kept from one program to the next. vertices (V, N): what the error may be just after the first
+    sample, where a transient is asked for.
     """
 
     maps: ErrorMaps[Array]
@@ -54,6 +55,7 @@ class Search:
     window: tuple[float, float]
     eps: float
     cuts: set[Cut] = field(default_factory=set)
+    vertices: Array | None = None
 
     @cached_property
     def shapes(self) -> list[Shape]:
@@ -79,7 +81,7 @@ class Search:
 
     @property
     def _size(self) -> int:
-        return self._starts[-1]
+        return self._starts[-1] + (self.vertices is not None)
 
     def _P(self, lag: int, number: int) -> int:
         return self._starts[0][lag] + number * self._svec.length
@@ -118,17 +120,54 @@ class Search:
         return Flows(A, np.broadcast_to(self.B, (len(A), *self.B.shape)), every, self.eps)
 
     def _cost(self, rho: float) -> Array:
-        """b^2 = M + sum D_k + sum nu_k."""
-        cost, share = np.zeros(self._size), 1 / (1 - rho * rho)
-        q, p = self.B.shape[1], self.G.shape[1]
-        for lag, lengths in enumerate(self.lengths):
-            weights = lengths * (share if lag == self.lags else 1)  # D_N, and rho^2 D_N of M
-            cost[self._mu(lag, 0) : self._mu(lag, len(lengths))] = np.repeat(weights, q)
-        cost[self._nu(1) :] = np.repeat([*[1.0] * self.lags, share], p)
+        """b^2 itself, or the largest term of a transient."""
+        if self.vertices is None:
+            return self._bound(rho)
+        cost = np.zeros(self._size)
+        cost[-1] = 1.0
         return cost
+
+    def _bound(self, rho: float) -> Array:
+        """M + sum_(k <= N) D_k + sum nu_k."""
+        share, last = 1 / (1 - rho * rho), self.lags
+        return self._spent(last) + share * (rho * rho * self._fed(last) + self._kicked(last + 1))
+
+    def _spent(self, last: int) -> Array:
+        """sum_(k <= last) D_k + sum_(1 <= k <= last) nu_k."""
+        total: Array = sum((self._fed(k) for k in range(last + 1)), np.zeros(self._size))
+        return sum((self._kicked(k) for k in range(1, last + 1)), total)
+
+    def _fed(self, lag: int) -> Array:
+        """D_k."""
+        row, start = np.zeros(self._size), self._mu(lag, 0)
+        weights = np.repeat(self.lengths[lag], self.B.shape[1])
+        row[start : start + len(weights)] = weights
+        return row
+
+    def _kicked(self, lag: int) -> Array:
+        """sum_j nu_kj."""
+        row, start = np.zeros(self._size), self._nu(lag)
+        row[start : start + self.G.shape[1]] = 1.0
+        return row
+
+    def _transient(self, rows: Rows, rho: float) -> None:
+        """t >= x'P_q(0)x + what q intervals spend, at each vertex and q = 0 .. N, and t >= b^2."""
+        assert self.vertices is not None
+        t, basis = np.zeros(self._size), self._svec.basis
+        t[-1] = 1.0
+        forms = np.einsum("vi,kij,vj->vk", self.vertices, basis, self.vertices)  # (V, svec)
+        rows.add(1, {0: (t - self._bound(rho))[:, None]}, np.zeros(1))
+        for q in range(self.lags + 1):
+            at, spent = self._P(q, 0), t - self._spent(q)
+            for form in np.unique(forms.round(12), axis=0):
+                row = spent.copy()
+                row[at : at + len(form)] -= form
+                rows.add(1, {0: row[:, None]}, np.zeros(1))
 
     def _jumps_and_target(self, z: Array, rho: float) -> Rows:
         rows, basis, last = Rows(self._size), self._svec.basis, self.lags
+        if self.vertices is not None:
+            self._transient(rows, rho)
         N, p = self.G.shape
         zero, none = np.zeros((N, N)), np.zeros((p, p))
         wide, narrow = Svec(N + p), self._svec
@@ -149,7 +188,7 @@ class Search:
 
     def _found(self, x: Array, rho: float) -> Found:
         t, q = self._svec.length, self.B.shape[1]
-        P, mu, nu, _ = self._starts
+        P, mu, nu, end = self._starts
         matrices = [
             self._svec.matrices(x[start : start + shape.count * t].reshape(-1, t))
             for start, shape in zip(P, self.shapes, strict=True)
@@ -158,4 +197,4 @@ class Search:
             x[start : start + shape.pieces * q].reshape(shape.pieces, q)
             for start, shape in zip(mu, self.shapes, strict=True)
         ]
-        return Found(float(self._cost(rho) @ x), matrices, weights, x[nu:].reshape(self.lags + 1, -1))
+        return Found(float(self._cost(rho) @ x), matrices, weights, x[nu:end].reshape(self.lags + 1, self.G.shape[1]))
