@@ -15,6 +15,7 @@ About = Literal["class", "plant"]
 Better = Literal["more", "less"]
 CONVERGENCE = "convergence"  # the claim that the verdict is about
 ERROR_BOUNDED = "error_bounded"  # and, where disturbance or noise is declared, this one
+UNDER_NOISE = "estimate_under_noise"  # the premise of that one: the estimate stays where the slopes hold
 
 
 def status_of(holds: bool) -> Status:

@@ -36,6 +36,12 @@ class Box:
     lower: tuple[Exact, ...]
     upper: tuple[Exact, ...]
 
+    def contains(self, other: Box) -> bool:
+        """Whether every vector of the other is one of this, for certain."""
+        below = zip(self.lower, other.lower, strict=True)
+        above = zip(other.upper, self.upper, strict=True)
+        return all(a.is_at_most(b) for a, b in (*below, *above))
+
 
 @dataclass(frozen=True)
 class Input:

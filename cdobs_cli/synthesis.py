@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from flint import arb
 
-from cdobs_cli.bounds.estimate import before_the_first_sample
+from cdobs_cli.bounds.estimate import before_the_first_sample, symmetric
 from cdobs_cli.bounds.joint import joint_slopes
 from cdobs_cli.bounds.slopes import is_shared, resolve, to_be_found, unbounded_claims, with_found
 from cdobs_cli.certificate import CONVERGENCE, Check, Claim
@@ -26,8 +26,13 @@ _PART = Exact("1/256")
 
 
 def initial_errors(spec: Spec) -> Box | None:
-    """The typed x_hat(0) - x(0), where the estimate may have to be shown to stay near the domain."""
-    if spec.simulation is None or not spec.plant.domain or getattr(spec.observer, "saturate", True) is True:
+    """The typed x_hat(0) - x(0), where the estimate may have to be shown to stay near the domain, or an error from
+    there is to be bounded."""
+    saturate = getattr(spec.observer, "saturate", None)
+    if spec.simulation is None or saturate is None:
+        return None
+    bounded = spec.plant.noise is not None or spec.plant.disturbance is not None
+    if not bounded and (not spec.plant.domain or saturate is True):
         return None
     return spec.simulation.initial_errors(spec.plant.n)
 
@@ -154,13 +159,19 @@ def _design_over(region: Plant, spec: Spec, effort: int, *, together: bool = Fal
     design = replace(design, slopes=slopes, solver=summary(records), reason=told)
     if design.outcome == "none":
         return design
-    return replace(design, estimate=observer.confine(plant, design, initial_errors(spec)))
+    start = initial_errors(spec)
+    if start is not None:
+        with solver_log() as records:
+            from_start = observer.bounds_from(plant, design, symmetric(start), effort)
+        design = replace(design, certificates=(*design.certificates, *from_start))
+    return replace(design, estimate=observer.confine(plant, design, start))
 
 
 def _margin_needed(spec: Spec, design: Design) -> dict[str, Exact]:
     """How far the estimate goes beyond the domain, with some room; empty where no level set shows it."""
     start = initial_errors(spec)
-    transients = spec.observer.transients(plant_of(spec, design), design) if start is not None else ()
+    plant, family = plant_of(spec, design), spec.observer
+    transients = (family.noisy_transients(plant, design) or family.transients(plant, design)) if start else ()
     if start is None or not transients:
         return {}
     bounds = min((transient(start) for transient in transients), key=lambda ends: max(float(end) for end in ends))
@@ -173,7 +184,7 @@ def _margin_needed(spec: Spec, design: Design) -> dict[str, Exact]:
 
 def certify(spec: Spec, design: Design, effort: int) -> Check:
     """What is proved of a design, with the premises about the plant and the conditions of the verdict."""
-    from cdobs_cli.bounds.estimate import confinement_claim
+    from cdobs_cli.bounds.estimate import confinement_claim, noisy_confinement_claim
     from cdobs_cli.bounds.slopes import slope_claims
     from cdobs_cli.certify.conditions import proved_of_the_plant, with_conditions
 
@@ -184,7 +195,10 @@ def certify(spec: Spec, design: Design, effort: int) -> Check:
         return Check((convergence, *unbounded_claims(resolve(spec.plant)[0])))
     proved, premises = family.certify(plant, design, effort), slope_claims(plant)
     if plant.domain and design.outcome != "none":
-        premises += (confinement_claim(plant, design.estimate, family.transients(plant, design)),)
+        transients = (*family.noisy_transients(plant, design), *family.transients(plant, design))
+        premises += (confinement_claim(plant, design.estimate, transients),)
+        if plant.is_perturbed:
+            premises += (noisy_confinement_claim(plant, design.estimate, family.noisy_transients(plant, design)),)
     if spec.coordinates is not None:
         premises = spec.coordinates.premises(premises)
     domain = spec.typed.domain if spec.typed else plant.domain

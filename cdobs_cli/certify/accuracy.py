@@ -53,6 +53,23 @@ def sized(question: Question) -> list[Sized]:
     return list(least.values())
 
 
+def bounds_by_start(question: Question, items: Iterable[Item]) -> list[tuple[Box, tuple[arb, ...]]]:
+    """The initial errors that bounds of every state are proved for, with these bounds, for laws that hold the
+    question's."""
+    plant = question.plant
+    made: dict[Box, dict[str, arb]] = {}
+    for item in items:
+        start = item.method.started_from(plant)
+        if start is None or item.proof.error is None or not item.method.covers.contains(question.law):
+            continue
+        name = item.method.quantity(plant)
+        known = made.setdefault(start, {})
+        known[name] = item.proof.error.min(known[name]) if name in known else item.proof.error
+    names = [f"error_transient.{state}" for state in plant.states]
+    whole = ((start, known) for start, known in made.items() if known.keys() >= set(names))
+    return [(start, tuple(known[name] for name in names)) for start, known in whole]
+
+
 def merit(weights: Sequence[float] | None) -> Merit:
     """How large the error of a question's gain stays: the weighted sum of the squares of its bounds."""
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from cdobs_cli.certificate import CONVERGENCE, ERROR_BOUNDED, Bound, Check, Claim
+from cdobs_cli.certificate import CONVERGENCE, ERROR_BOUNDED, UNDER_NOISE, Bound, Check, Claim
 from cdobs_cli.design import Confinement
 from cdobs_cli.exact.numbers import Exact, text_below
 from cdobs_cli.plant import Domain, Plant
@@ -39,7 +39,7 @@ def with_conditions(
     told = []
     for claim in claims:
         if claim.id == ERROR_BOUNDED:
-            told.append(_bounded(claim, domain, confinement, stays, estimate))
+            told.append(_bounded(claim, domain, confinement, by_id))
             continue
         if claim.id != CONVERGENCE:
             told.append(claim)
@@ -70,16 +70,16 @@ def _while_inside(domain: Domain, confinement: Confinement, stays: Claim | None)
     return [f"while the plant stays in {domain.text}"]
 
 
-def _bounded(
-    claim: Claim, domain: Domain, confinement: Confinement, stays: Claim | None, estimate: Claim | None
-) -> Claim:
-    """`error_bounded` with its conditions; a margin that was shown without disturbance and noise does not hold it."""
-    statement = ", ".join([claim.statement.rstrip("."), *_while_inside(domain, confinement, stays)])
+def _bounded(claim: Claim, domain: Domain, confinement: Confinement, by_id: Mapping[str, Claim]) -> Claim:
+    """`error_bounded` with its conditions; a margin that is shown without disturbance and noise alone does not hold
+    it."""
+    conditions = _while_inside(domain, confinement, by_id.get("domain_invariant"))
+    if confinement.way == "margin":
+        conditions.append(f"for initial errors {confinement.start_text}")
+    statement = ", ".join([claim.statement.rstrip("."), *conditions])
+    estimate = by_id.get(UNDER_NOISE, by_id.get("estimate"))
     if claim.status == "proved" and estimate is not None and estimate.status != "proved":
         claim, statement = replace(claim, status="undecided", by=None), f"{statement}: {estimate.statement}"
-    elif claim.status == "proved" and confinement.way == "margin":
-        told = f"that {confinement.margin_text} holds with them is not proved"
-        claim, statement = replace(claim, status="undecided", by=None), f"{statement}: {told}"
     return replace(claim, statement=f"{statement.rstrip('.')}.")
 
 
@@ -93,11 +93,12 @@ def proved_of_the_plant(check: Check, law: SamplingLaw, confinement: Confinement
         claim for claim in check.claims if claim.kind == "premise" and (claim.required or claim.id == "estimate")
     ]
     stands = all(claim.status == "proved" for claim in premises)
+    under_noise = check.claim(UNDER_NOISE)
+    stays_under_noise = under_noise is None or under_noise.status == "proved"
     kept = {}
     for name, bound in check.bounds.items():
         head, _, method = name.partition(".")
-        lost = head in _ERRORS and confinement.way == "margin"  # shown without disturbance and noise
-        if lost or (not stands and head in (*_PERIODS, *_CONSEQUENCES)):
+        if (head in _ERRORS and not stays_under_noise) or (not stands and head in (*_PERIODS, *_CONSEQUENCES)):
             bound = replace(bound, proved=None)
         elif confinement.way == "margin" and head in _PERIODS and bound.proved is not None:
             bound = replace(bound, proved=None if method else _at_most(bound.proved, law))

@@ -16,7 +16,7 @@ from cdobs_cli.errors import Problem
 
 if TYPE_CHECKING:
     from cdobs_cli.bounds.estimate import Transient
-    from cdobs_cli.certificate import Check
+    from cdobs_cli.certificate import Certificate, Check
     from cdobs_cli.chart import Exhibits
     from cdobs_cli.design import Confinement, Design
     from cdobs_cli.exact.numbers import ExactMatrix
@@ -106,6 +106,15 @@ class Family(BaseModel, ABC):
 
     def transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
         """How large the error becomes on the way, from the stored certificates, each proved again."""
+        return ()
+
+    def noisy_transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
+        """The same under the declared disturbance and noise, from the initial errors that the design was made for."""
+        return ()
+
+    def bounds_from(self, plant: Plant, design: Design, start: Box, effort: int) -> Sequence[Certificate]:
+        """Certificates of how large the error becomes from these initial errors, under what is declared. May load a
+        solver."""
         return ()
 
     def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from math import log
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
@@ -14,16 +15,16 @@ from cdobs_cli.fields import NonNegativeNumber, PositiveNumber
 
 if TYPE_CHECKING:
     from cdobs_cli.bounds.estimate import Transient
-    from cdobs_cli.certificate import Bound, Check, Claim
+    from cdobs_cli.certificate import Bound, Certificate, Check, Claim
     from cdobs_cli.certify.design import Beyond
     from cdobs_cli.certify.gains import GainSearch
     from cdobs_cli.certify.judge import Judgement
     from cdobs_cli.certify.methods.base import Method, Question
     from cdobs_cli.certify.methods.rung import Rung
-    from cdobs_cli.design import Design
+    from cdobs_cli.design import Confinement, Design
     from cdobs_cli.exact.numbers import ExactMatrix
     from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, NoiseMaps, PlantView
-    from cdobs_cli.plant import Plant
+    from cdobs_cli.plant import Box, Plant
     from cdobs_cli.run import SimulationPlan
 
 
@@ -44,6 +45,7 @@ class ConstantGain(Family):
     rate_at_least: NonNegativeNumber | None = None
     error_at_most: dict[str, PositiveNumber] | None = None
     weights: dict[str, NonNegativeNumber] | None = None
+    saturate: bool | Literal["auto"] = "auto"
     letter: ClassVar[str] = "K"
     error_source: ClassVar[str]
     rate_share: ClassVar[float] = 0.0
@@ -177,6 +179,23 @@ class ConstantGain(Family):
         from cdobs_cli.certify.judge import levels
 
         return tuple(level.bounds for level in levels(self, plant, design))
+
+    def noisy_transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
+        from cdobs_cli.certify.judge import noisy_transients
+
+        return noisy_transients(self, plant, design)
+
+    def bounds_from(self, plant: Plant, design: Design, start: Box, effort: int) -> Sequence[Certificate]:
+        from cdobs_cli.certify.accuracy import sized
+
+        question = self.question(replace(plant, sampling=design.sampling), design.gain, effort)
+        return tuple(one.method.certificate() for one in sized(question.started(start)))
+
+    def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:
+        from cdobs_cli.bounds.estimate import confine
+
+        transients = (*self.noisy_transients(plant, design), *self.transients(plant, design))
+        return confine(plant, self.saturate, transients, start)
 
     def envelope(self, plant: Plant, design: Design, check: Check) -> Mapping[str, Any] | None:
         from cdobs_cli.certify.judge import envelope

@@ -199,6 +199,10 @@ class Method(ABC):
         """The name of the bound that a proof's `error` is, `error.<state>`, for methods that have one."""
         raise NotImplementedError(self.name)
 
+    def started_from(self, plant: Plant) -> Box | None:
+        """The errors before the first sample that a bound for all time is for; None for every other bound."""
+        return None
+
     def level(self, question: Question) -> Level | None:
         """The level sets of its function, proved again; None where it has none."""
         return None

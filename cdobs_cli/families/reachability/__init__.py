@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from cdobs_cli.certify.methods.base import Method, Question
     from cdobs_cli.certify.methods.rung import Rung
     from cdobs_cli.chart import Exhibits
-    from cdobs_cli.design import Confinement, Design
+    from cdobs_cli.design import Design
     from cdobs_cli.hybrid import ErrorMaps, NoiseMaps, Observer, PlantView
-    from cdobs_cli.plant import Box, Plant
+    from cdobs_cli.plant import Plant
     from cdobs_cli.run import Run, SimulationPlan
 
 MAX_STATES = 8
@@ -74,7 +74,6 @@ class Reachability(ConstantGain):
     objective: Objective = "given_period"
     method: Literal["best", "set", "clock"] = "best"
     set: TypedSet = "clarke"
-    saturate: bool | Literal["auto"] = "auto"
     gain: Gain | None = None
 
     def problems(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:
@@ -131,11 +130,6 @@ class Reachability(ConstantGain):
         from cdobs_cli.families.reachability.beside import claims_beside
 
         return claims_beside(self, judgement)
-
-    def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:
-        from cdobs_cli.bounds.estimate import confine
-
-        return confine(plant, self.saturate, self.transients(plant, design), start)
 
     def exhibits(self, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
         from cdobs_cli.families.reachability.exhibits import exhibits

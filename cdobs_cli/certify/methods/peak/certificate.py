@@ -30,7 +30,7 @@ from cdobs_cli.certify.methods.peak.state import (
 from cdobs_cli.certify.texts import upper_texts
 from cdobs_cli.codec import OPTIONAL
 from cdobs_cli.exact.numbers import decimal_text, fraction_text
-from cdobs_cli.plant import Plant
+from cdobs_cli.plant import Box, Plant
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
@@ -109,6 +109,9 @@ class Peak(Method):
             largest = largest.max(squared)
         error = largest.sqrt()
         return Proof(True, error=error if start is None else error.max(before_first_sample(start, i)))
+
+    def started_from(self, plant: Plant) -> Box | None:
+        return start_box(self.start, plant)
 
     def quantity(self, plant: Plant) -> str:
         """The name of the bound."""

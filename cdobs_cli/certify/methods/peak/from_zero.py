@@ -139,6 +139,9 @@ class PeakFromZero(Method):
     def shape(self) -> Shape:
         return Shape(int(self.degree), int(self.elevated), int(self.pieces[0]), int(self.pieces[1]))
 
+    def started_from(self, plant: Plant) -> Box | None:
+        return start_box(self.start, plant)
+
     def quantity(self, plant: Plant) -> str:
         return quantity_of(self.state, self.start, plant)
 
