@@ -51,9 +51,21 @@ def system_of(spec: Spec, design: Design) -> HybridSystem:
 
 
 def new_design(spec: Spec, effort: int) -> Design:
-    """A design. Where automatic slopes share functions: the one whose entries move together, if its estimate is shown
-    to stay for the typed initial errors; else the better of that one, for initial errors of its own, and of the one
-    whose entries move by themselves, which the continuation serves."""
+    """A design, with what is worth knowing of it."""
+    from cdobs_cli.certify.lmi import solver_log, summary
+
+    with solver_log() as records:
+        design = _kept(spec, effort)
+        finished = (
+            design if design.outcome == "none" else spec.observer.finished(plant_of(spec, design), design, effort)
+        )
+    return replace(finished, solver=summary(records))
+
+
+def _kept(spec: Spec, effort: int) -> Design:
+    """The design that is kept. Where automatic slopes share functions: the one whose entries move together, if its
+    estimate is shown to stay for the typed initial errors; else the better of that one, for initial errors of its own,
+    and of the one whose entries move by themselves, which the continuation serves."""
     plant = spec.plant
     if not plant.is_to_be_found:
         return _design_over(plant, spec, effort)
@@ -142,7 +154,7 @@ def _apart(spec: Spec, effort: int) -> Design:
 
 def _design_over(region: Plant, spec: Spec, effort: int, *, together: bool = False) -> Design:
     """A design, its automatic slopes found over the domain of `region`, with what the solver was asked for it."""
-    from cdobs_cli.certify.lmi import ran_out, solver_log, summary
+    from cdobs_cli.certify.lmi import ran_out, solver_log
 
     plant, observer = spec.plant, spec.observer
     slopes: dict[str, tuple[str, str]] = {}
@@ -156,13 +168,12 @@ def _design_over(region: Plant, spec: Spec, effort: int, *, together: bool = Fal
         design = observer.synthesize(plant, effort)
     lost = ran_out(records) if design.outcome in ("none", "short") else None
     told = design.reason if lost is None else f"{design.reason}; {lost}"
-    design = replace(design, slopes=slopes, solver=summary(records), reason=told)
+    design = replace(design, slopes=slopes, reason=told)
     if design.outcome == "none":
         return design
     start = initial_errors(spec)
     if start is not None:
-        with solver_log() as records:
-            from_start = observer.bounds_from(plant, design, symmetric(start), effort)
+        from_start = observer.bounds_from(plant, design, symmetric(start), effort)
         design = replace(design, certificates=(*design.certificates, *from_start))
     return replace(design, estimate=observer.confine(plant, design, start))
 

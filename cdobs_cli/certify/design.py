@@ -84,6 +84,13 @@ def synthesize(card: Card, plant: Plant, effort: int) -> Design:
         return _Synthesis(card, plant, effort).run()
 
 
+def finished(card: Card, plant: Plant, design: Design, effort: int) -> Design:
+    """A design with what is worth knowing of it, once it is the one that is kept: certificates of how large its error
+    stays under the declared noise and disturbance, and the front. Uses the solver."""
+    with np.errstate(all="ignore"):
+        return _Synthesis(card, plant, effort).finished(design)
+
+
 class _Synthesis:
     def __init__(self, card: Card, plant: Plant, effort: int) -> None:
         self.card, self.plant = card, plant
@@ -263,17 +270,30 @@ class _Synthesis:
             own += [at_rate_proved] if at_rate_proved is not None else []
         certificates = [method.certificate() for method in own]
         certificates += [one.method.certificate({letter: one.gain}) for one in others if one.method is not None]
-        sizes = accuracy.sized(question)
-        exceeded = self._exceeded(sizes)
-        if exceeded is not None:
-            outcome, reason = "short", exceeded if reason is None else f"{reason}; {exceeded}"
-        certificates += [sized.method.certificate() for sized in sizes]
         beyond = self.card.beyond(question, own)
         kept = [*certificates, *beyond.certificates]
         design = self._design(outcome, best.law, best.gain, kept, beyond.details, reason)
-        return replace(design, front=beyond.front or self._front(question, best))
+        return replace(design, front=beyond.front)
 
-    def _front(self, question: Question, best: Candidate) -> tuple[FrontPoint, ...]:
+    def finished(self, design: Design) -> Design:
+        """With how large the error stays under what is declared, and what other periods are worth."""
+        letter = self.card.letter
+        if design.outcome == "none" or letter not in design.gain:
+            return design
+        question = self.question.with_gain({letter: design.gain[letter]}).under(design.sampling)
+        sizes = accuracy.sized(question)
+        certificates = (*design.certificates, *(sized.method.certificate() for sized in sizes))
+        design = replace(design, certificates=certificates)
+        exceeded = self._exceeded(sizes) if self.given is None else None
+        if exceeded is not None:
+            reason = exceeded if design.reason is None else f"{design.reason}; {exceeded}"
+            design = replace(design, outcome="short", reason=reason)
+        if design.front or not question.level:
+            return design
+        self.searches = self.card.gain_searches(self.asked)
+        return replace(design, front=self._front(question, design.gain[letter]))
+
+    def _front(self, question: Question, own: ExactMatrix) -> tuple[FrontPoint, ...]:
         """Where a gain was looked for, and periods, rates or errors are what it is about."""
         if self.given is not None or not (self.plant.is_perturbed or self.objective in ("max_period", "decay_rate")):
             return ()
@@ -282,7 +302,7 @@ class _Synthesis:
             ways = (self._quiet(way, about) if self.plant.is_perturbed else way.fastest(about) for way in self.searches)
             return next((one for one in ways if one is not None), None)
 
-        return front(question, self.card.letter, find, best)
+        return front(question, self.card.letter, find, own)
 
     def _design(
         self,

@@ -10,6 +10,7 @@ from flint import arb
 from cdobs_cli.certify import accuracy, search
 from cdobs_cli.certify.gains import Candidate, NoDesignError
 from cdobs_cli.certify.methods.base import Method, Question
+from cdobs_cli.certify.methods.rung import GENERAL
 from cdobs_cli.design import FrontPoint
 from cdobs_cli.exact.numbers import ExactMatrix, lower_text, upper_text
 from cdobs_cli.sampling import SamplingLaw
@@ -45,16 +46,17 @@ class Point:
 
 
 def front(
-    question: Question, letter: str, find: Callable[[Question], Candidate | None], own: Candidate
+    question: Question, letter: str, find: Callable[[Question], Candidate | None], own: ExactMatrix
 ) -> tuple[FrontPoint, ...]:
-    """Points by increasing period, each at least as good as what a proof for a law that holds it gives.
+    """Points by increasing period, each at least as good as what a proof for a law that holds it gives; empty where no
+    other period has a gain.
 
     Args:
         question: under the design's law; every point is looked at with little effort, this design's too.
         find: a gain for a question's law; own: the design's.
     """
     law = question.law
-    points = [_point(question.with_effort(0), letter, own)]
+    points: list[Point] = []
     for share in _SHORTER:
         points += _found(question.at(search.short(share * float(law.T_max), 3)), letter, find)
     for share in _LONGER:
@@ -62,6 +64,9 @@ def front(
         if not further:
             break
         points += further
+    if not points:
+        return ()
+    points.append(_point(question.with_effort(0), letter, Candidate(own, law, 0.0, GENERAL.propose(question.afresh()))))
     return tuple(one.document(letter) for one in running_best(points, law))
 
 

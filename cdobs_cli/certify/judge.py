@@ -143,11 +143,17 @@ def judge(card: Card, plant: Plant, design: Design, effort: int) -> Check:
     return Check(tuple(reversed(unique.values())), bounds | beside_bounds | error_bounds)
 
 
-def _judged(card: Card, question: Question, certificates: Sequence[Certificate]) -> list[Judged]:
+def _judged(
+    card: Card,
+    question: Question,
+    certificates: Sequence[Certificate],
+    wanted: Callable[[Method], bool] = lambda _: True,
+) -> list[Judged]:
+    """The certificates that can be read and are wanted, each proved again."""
     items = []
     for certificate in certificates:
         stored = read(certificate, (*card.methods(), *accuracy.METHODS), (card.letter,))
-        if stored is None:
+        if stored is None or not wanted(stored.method):
             continue
         gain = stored.gain
         if gain is not None and gain[card.letter].shape != (question.plant.n, question.plant.p):
@@ -353,8 +359,8 @@ def _intervals(question: Question) -> list[Claim]:
 def _covering(card: Card, plant: Plant, design: Design) -> tuple[Question, list[Judged]]:
     plant = replace(plant, sampling=design.sampling)
     question = card.question(plant, design.gain, 0)
-    judgement = Judgement(card, design, question, tuple(_judged(card, question, design.certificates)))
-    return question, judgement.covering
+    items = _judged(card, question, design.certificates, lambda method: method.reach == "convergence")
+    return question, Judgement(card, design, question, tuple(items)).covering
 
 
 def levels(card: Card, plant: Plant, design: Design) -> list[Level]:
@@ -368,7 +374,8 @@ def noisy_transients(card: Card, plant: Plant, design: Design) -> list[Callable[
     """From initial errors to upper ends of |e_j(t)| for all time under the declared disturbance and noise, of the
     certificates that were made for these errors or larger ones; infinite for others."""
     question = card.question(replace(plant, sampling=design.sampling), design.gain, 0)
-    items = [item for item in _judged(card, question, design.certificates) if item.own and item.proof.holds]
+    judged = _judged(card, question, design.certificates, lambda method: method.started_from(plant) is not None)
+    items = [item for item in judged if item.own and item.proof.holds]
     starts = accuracy.bounds_by_start(question, (accuracy.Item(item.method, item.proof) for item in items))
 
     def bounds(start: Box, held: Box, ends: tuple[arb, ...]) -> tuple[arb, ...]:

@@ -112,6 +112,10 @@ class Family(BaseModel, ABC):
         """The same under the declared disturbance and noise, from the initial errors that the design was made for."""
         return ()
 
+    def finished(self, plant: Plant, design: Design, effort: int) -> Design:
+        """The design that is kept, with what is worth knowing of it beside its verdict. May load a solver."""
+        return design
+
     def bounds_from(self, plant: Plant, design: Design, start: Box, effort: int) -> Sequence[Certificate]:
         """Certificates of how large the error becomes from these initial errors, under what is declared. May load a
         solver."""

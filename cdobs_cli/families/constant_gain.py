@@ -185,6 +185,11 @@ class ConstantGain(Family):
 
         return noisy_transients(self, plant, design)
 
+    def finished(self, plant: Plant, design: Design, effort: int) -> Design:
+        from cdobs_cli.certify.design import finished
+
+        return finished(self, plant, design, effort)
+
     def bounds_from(self, plant: Plant, design: Design, start: Box, effort: int) -> Sequence[Certificate]:
         from cdobs_cli.certify.accuracy import sized
 
