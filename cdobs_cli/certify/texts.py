@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING
@@ -14,8 +15,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
+# What searches write: read without the parser, which takes a hundred times as long.
+_DECIMAL = re.compile(r"-?\d{1,40}(\.\d{1,40})?(e-?\d{1,2})?", re.ASCII)
+
+
 def rational(text: str) -> Fraction:
     """Raises: ExpressionError, ValueError on what is no rational, or one beyond all bounds."""
+    if isinstance(text, str) and _DECIMAL.fullmatch(text):
+        return Fraction(text)
     value = Exact(text).rational
     if value is None:
         raise ValueError("a certificate holds rationals")
@@ -45,8 +52,8 @@ def symmetric(rows: list[list[str]], size: int) -> Matrix:
 
 def symmetric_from_upper(rows: Sequence[Sequence[str]]) -> Matrix:
     """The symmetric matrix with this upper triangle, each row from the diagonal on. Raises: as `rational`."""
-    size = len(rows)
-    return Matrix.from_rows([[rational(rows[min(i, j)][abs(i - j)]) for j in range(size)] for i in range(size)])
+    size, upper = len(rows), [[rational(text) for text in row] for row in rows]
+    return Matrix.from_rows([[upper[min(i, j)][abs(i - j)] for j in range(size)] for i in range(size)])
 
 
 def upper_texts(P: NDArray[np.float64], digits: int) -> list[list[str]]:
