@@ -83,8 +83,7 @@ class Rows:
         return A, np.concatenate(self.right)
 
     def least(self, cost: Array) -> Array | None:
-        """The x of least cost, as the solver has it; None where it finds none."""
+        """The x of least cost as the solver has it, however it ended; None where it says that there is none."""
         A, b = self.columns()
         x, record = ask_clarabel(cost, A, b, self.cones, _TOLERANCE, _ITERATIONS)
-        usable = record.status in ("Solved", "AlmostSolved") and bool(np.all(np.isfinite(x)))
-        return x if usable else None
+        return x if "Infeasible" not in record.status and bool(np.all(np.isfinite(x))) else None
