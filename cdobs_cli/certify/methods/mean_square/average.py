@@ -84,7 +84,7 @@ class Average(Method):
         setting = Setting.of(question, Z)
         if setting is None:
             return None
-        form = shape(question)
+        form = shape(question, setting)
         for epsilon in EPSILONS:
             search = AverageSearch.of(question, setting, form, Z, epsilon)
             met = search.solve(question.memory)

@@ -5,6 +5,7 @@ Every flow inequality is required at the corners met so far; a solution that bre
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -15,12 +16,14 @@ from cdobs_cli.certify.bernstein import derivative, elevation
 from cdobs_cli.certify.blocks import BlockProgram, symmetric_basis
 from cdobs_cli.certify.methods.clock.form import Shape, jump_gap, lyapunov
 from cdobs_cli.certify.methods.mean_square.form import instants, sample_instants, sums
+from cdobs_cli.certify.methods.mean_square.setting import ALL_AT_ONCE
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
 
-_ROUNDS = 16
-_ALL_AT_ONCE = 4  # so many corners are imposed from the start
+_ROUNDS = 24
+_FINE, _COARSE = 1e-9, 1e-4  # the solver's tolerance, and while corners are still looked for
+_FEW = 0.02  # of the corners met: so few new ones end the look
 
 Cut = tuple[int, int, int]
 
@@ -140,18 +143,20 @@ class Curves:
         """The solution of least cost over all corners, as far as floats tell; None where there is none."""
         corners = range(len(self.flows))
         if not self.cuts:
-            first = corners if len(corners) <= _ALL_AT_ONCE else (0, len(corners) - 1)
+            first = corners if len(corners) <= ALL_AT_ONCE else (0, len(corners) - 1)
             self.cuts = {(k, c, v) for k, c in self._places for v in first}
-        x = None
+        x, tolerance = None, _FINE if len(corners) <= ALL_AT_ONCE else _COARSE
         for _ in range(rounds):
             asked = program.copy()
             self._require_flow(asked)
-            x = asked.minimise(cost)
+            x = asked.minimise(cost, tolerance)
             if x is None:
                 return None
-            new = self._broken(x) - self.cuts
-            if not new:
+            new = self._broken(x, tolerance) - self.cuts
+            if not new and tolerance == _FINE:
                 break
+            if len(new) <= _FEW * len(self.cuts):
+                tolerance = _FINE
             self.cuts |= new
         return x
 
@@ -174,6 +179,13 @@ class Curves:
     def _places(self) -> list[tuple[int, int]]:
         until = self.until or [self.shape.pieces] * self.count
         return [(k, c) for k in range(self.count) for c in range(until[k] * (self.shape.D + 1))]
+
+    def known(self, cuts: Iterable[Cut]) -> set[Cut]:
+        """Those of another search that are about places of this one."""
+        places = set(self._places)
+        kept = {cut for cut in cuts if cut[:2] in places}
+        missing = places - {cut[:2] for cut in kept}
+        return kept | {(k, c, v) for k, c in missing for v in (0, len(self.flows) - 1)} if kept else kept
 
     @property
     def _height(self) -> int:
@@ -205,7 +217,7 @@ class Curves:
             columns = np.concatenate([columns, self.prices[k, piece[c]]], axis=1)
         program.require(columns, terms, constants)
 
-    def _broken(self, x: Array) -> set[Cut]:
+    def _broken(self, x: Array, tolerance: float) -> set[Cut]:
         """For each flow coefficient the corner at which a solution leaves least, where that is too little."""
         g, e, piece, length = self._operators
         places = np.array(self._places)
@@ -228,5 +240,5 @@ class Curves:
         least = np.linalg.eigvalsh(gaps)[..., 0]
         worst = least.argmin(axis=1)
         left = least[np.arange(len(places)), worst]
-        broken = left < 0.2 * self.epsilon * length[c]
+        broken = left < (0.2 * self.epsilon if tolerance == _FINE else -tolerance) * length[c]
         return {(int(a), int(b), int(w)) for (a, b), w in zip(places[broken], worst[broken], strict=True)}

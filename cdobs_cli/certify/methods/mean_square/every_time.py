@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import islice
 from math import ceil, floor, log
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -58,9 +59,10 @@ if TYPE_CHECKING:
 
 _TIME_CONSTANTS = 3.0
 _LAGS = (4, 8, 10, 12)  # at most, by effort
-_LARGEST = 1500  # unknowns
-_TAILS = ((0.5,), (0.5, 0.25), (0.5, 0.25, 0.75), (0.5, 0.25, 0.75, 0.1))  # rho between the radius and 1, by effort
-_SPLITS = (2, 6, 12, 24)  # of the window with the largest bound, by effort
+_LARGEST = 1500  # unknowns; a third of them where corners are added as they bind
+_TAILS = (0.25, 0.5, 0.1, 0.75)  # rho between the radius and 1: the first that serves, or the best of all
+_ALL_TAILS = 2  # from this effort on
+_SPLITS = (2, 6, 12, 24)  # of the window with the largest bound, by effort; half of them where corners are added
 _GAIN = 0.985  # a split that leaves more of the bound is the last
 
 
@@ -117,9 +119,9 @@ class EveryTime(Method):
         radius = 1.0 if setting is None else contraction(setting)
         if setting is None or not radius < 1:
             return None
-        form = shape(question, 1 + _LAGS[question.level])
-        search = Search(question, setting, form, state, lags(radius, form, setting.N, question.level))
-        tails = [decimal_text(min(radius + (1 - radius) * share, 0.9999), 6) for share in _TAILS[question.level]]
+        form = shape(question, setting, 1 + _LAGS[question.level])
+        search = Search(question, setting, form, state, lags(radius, form, setting, question.level))
+        tails = [decimal_text(min(radius + (1 - radius) * share, 0.9999), 6) for share in _TAILS]
         for epsilon in EPSILONS[1:]:
             search.epsilon = epsilon
             met = search.best(tails)
@@ -225,10 +227,11 @@ def contraction(setting: Setting) -> float:
     return max(float(spectral_radii(J @ maps).max()) for J in setting.jumps)
 
 
-def lags(radius: float, form: Shape, N: int, level: int) -> int:
+def lags(radius: float, form: Shape, setting: Setting, level: int) -> int:
     """How many intervals are followed one by one: about three time constants, within what the search can bear."""
     wanted = ceil(_TIME_CONSTANTS / -log(max(radius, 1e-3)))
-    bearable = _LARGEST // (form.count * N * (N + 1) // 2) - 1
+    largest = _LARGEST if setting.all_at_once else _LARGEST // 3
+    bearable = largest // (form.count * setting.N * (setting.N + 1) // 2) - 1
     return max(1, min(max(2, wanted), _LAGS[level], bearable))
 
 
@@ -255,7 +258,8 @@ class Search:
         """The tail that serves the last window best, and the chains of windows that cover the clock's range: the one
         with the largest bound is split while that helps."""
         last = Window(self.form.pieces - 1, Fraction(0), Fraction(1))
-        met = [(rho, chain) for rho in tails if (chain := self.chain(last, rho)) is not None]
+        tried = ((rho, chain) for rho in tails if (chain := self.chain(last, rho)) is not None)
+        met = list(tried) if self.question.level >= _ALL_TAILS else list(islice(tried, 1))
         if not met:
             return None
         rho, found = min(met, key=lambda pair: pair[1].bound)
@@ -266,7 +270,8 @@ class Search:
             if chain is None:
                 return None
             chains[window] = chain
-        for _ in range(_SPLITS[self.question.level]):
+        splits = _SPLITS[self.question.level]
+        for _ in range(splits if self.setting.all_at_once else splits // 2):
             worst = max(chains, key=lambda window: chains[window].bound)
             parts = {half: chain for half in worst.split() if (chain := self.chain(half, rho)) is not None}
             if len(parts) < 2 or max(chain.bound for chain in parts.values()) > _GAIN * chains[worst].bound:
@@ -280,8 +285,8 @@ class Search:
         nothing = np.zeros((N + 1, setting.N, setting.N))
         until = [window.piece + 1, *[form.pieces] * N]
         curves = Curves(form, setting.shortest, setting.flows, nothing, 0, self.epsilon, until=until)
-        key = ("every time", form, N, window.piece)
-        curves.cuts = set(self.question.memory.get(key, ()))
+        key = ("every time", form, N)
+        curves.cuts = curves.known(self.question.memory.get(key, ()))
         z = np.eye(setting.N)[self.state] * setting.states[self.state]
         program, share = curves.program(), float(rho) ** 2
         self._require_above(curves, program, np.outer(z, z), window)

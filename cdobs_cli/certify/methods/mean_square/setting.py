@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 _DOUBLINGS = 5
 _FEW = 6
+ALL_AT_ONCE = 4
 _SCHEDULE = ((3, 4, 2), (4, 5, 2), (4, 5, 4), (5, 6, 6), (6, 7, 10))  # (d, D, pieces), coarse to fine
 _LARGEST = 1200  # unknowns
 
@@ -66,6 +67,11 @@ class Setting:
     @property
     def is_finite(self) -> bool:
         return all(bool(np.all(np.isfinite(part))) for part in (self.flows, self.jumps, self.kick, self.drive))
+
+    @property
+    def all_at_once(self) -> bool:
+        """Whether the corners of the flow are so few that a search reads them all from the start."""
+        return len(self.flows) <= ALL_AT_ONCE
 
     def weight(self, Z: Array) -> Array:
         """A form of e as one of z over unit time: int e'Z e dt = int z'(..)z ds."""
@@ -126,10 +132,10 @@ def is_small(inclusion: HybridInclusion) -> bool:
     return len(inclusion.quantities) <= MAX_CORNER_ENTRIES and len(inclusion.outputs) <= MAX_OUTPUT_ENTRIES
 
 
-def shape(question: Question, functions: int = 1) -> Shape:
+def shape(question: Question, setting: Setting, functions: int = 1) -> Shape:
     """Degrees and pieces of so many functions, by effort: of one alone finer ones; T_min is a break point."""
-    law, N = question.law, question.inclusion.floats.base.shape[0]
-    step = question.level + (1 if functions == 1 else 0)
+    law, N = question.law, setting.N
+    step = question.level + 1 if functions == 1 else max(0, question.level - (0 if setting.all_at_once else 1))
     while step and functions * (_SCHEDULE[step][0] * _SCHEDULE[step][2] + 1) * N * (N + 1) // 2 > _LARGEST:
         step -= 1
     d, D, pieces = _SCHEDULE[step]

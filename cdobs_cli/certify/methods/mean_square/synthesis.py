@@ -50,7 +50,7 @@ def best_gain(question: Question, aim: Aim) -> tuple[Array, float] | None:
     start = Setting.in_units(question, units(question.inclusion))
     if not start.is_finite:
         return None
-    form, best = shape(question), None
+    form, best = shape(question, start), None
     setting: Setting | None = start
     for _ in range(2):
         met = None if setting is None else _solve(question, setting, form, aim)
