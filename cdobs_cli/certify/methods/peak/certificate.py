@@ -27,7 +27,6 @@ from cdobs_cli.codec import OPTIONAL
 from cdobs_cli.plant import Box, Plant
 
 
-
 @dataclass(frozen=True)
 class Peak(Method):
     """state: number of the state, from 0. chains: their windows cover all times between samples. start: the intervals
