@@ -20,7 +20,7 @@ from cdobs_cli.codec import read_fields
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text
 from cdobs_cli.hybrid import HybridInclusion
-from cdobs_cli.plant import Plant
+from cdobs_cli.plant import Box, Plant
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
@@ -40,6 +40,8 @@ class Question:
 
     rate: sigma >= 0, per time unit. effort: 0..3, how hard a search looks. card: the observer block, for methods
     that read an option of it. memory: what a search keeps from one period or gain to the next; never evidence.
+    state: number of the state whose error is to be bounded, where that is what is asked; start: the errors before the
+    first sample, where it is asked for all time from them.
     """
 
     inclusion: HybridInclusion
@@ -47,6 +49,8 @@ class Question:
     effort: int = 1
     card: Any = None
     memory: dict[Any, Any] = field(default_factory=dict, compare=False, repr=False)
+    state: int | None = None
+    start: Box | None = None
 
     @property
     def law(self) -> SamplingLaw:
@@ -89,6 +93,14 @@ class Question:
 
     def with_effort(self, effort: int) -> Question:
         return replace(self, effort=effort)
+
+    def started(self, start: Box) -> Question:
+        """The same question for all time from these errors before the first sample."""
+        return replace(self, start=start)
+
+    def of_state(self, i: int) -> Question:
+        """The same question about the error of one state."""
+        return replace(self, state=i)
 
 
 @dataclass(frozen=True)
@@ -181,6 +193,10 @@ class Method(ABC):
         statement = f"{self.statement}, sampling {self.covers.words}."
         status: Any = "proved" if proof.holds else "undecided"
         return [Claim(self.rung, "certificate", status, statement, self.source, margin=margin, method=self.how)]
+
+    def quantity(self, plant: Plant) -> str:
+        """The name of the bound that a proof's `error` is, `error.<state>`, for methods that have one."""
+        raise NotImplementedError(self.name)
 
     def level(self, question: Question) -> Level | None:
         """The level sets of its function, proved again; None where it has none."""

@@ -138,7 +138,7 @@ class Clock(Method):
 
     def _prove(self, question: Question) -> Proof:
         law, shape, sigma, P = self.law, self.shape, rate_of(self.sigma), self.coefficients
-        if not _is_small(question.inclusion) or not _well_posed(shape, law):
+        if not is_small(question.inclusion) or not _well_posed(shape, law):
             return NOTHING
         maps = in_basis(question.inclusion.balls, self.S, self.S.inverse())
         size = maps.base.shape
@@ -237,7 +237,7 @@ def _well_posed(shape: Shape, law: SamplingLaw) -> bool:
     return shape.before == 0 if law.from_zero else law.T_min.sign() == 1 and shape.before > 0
 
 
-def _is_small(inclusion: HybridInclusion) -> bool:
+def is_small(inclusion: HybridInclusion) -> bool:
     """Whether there are few enough corners, of flow and jump, to enumerate."""
     return len(inclusion.quantities) <= MAX_CORNER_ENTRIES and len(inclusion.outputs) <= MAX_OUTPUT_ENTRIES
 
@@ -281,7 +281,7 @@ def shapes(question: Question) -> Iterator[Shape]:
     if law.is_updated:
         return
     T_min, T_max = float(law.T_min), float(law.T_max)
-    if not 0 < T_max < 1e12 or not _is_small(question.inclusion):
+    if not 0 < T_max < 1e12 or not is_small(question.inclusion):
         return
     N = question.inclusion.floats.base.shape[0]
     for (d, D, pieces), largest in zip(_SCHEDULE, _LARGEST[question.level], strict=True):
@@ -304,7 +304,7 @@ def design_impulsive(question: Question, letter: str = "K") -> tuple[ExactMatrix
     be proved from 0. Uses the solver; the memory as in `Clock.propose`.
     """
     law = question.law
-    if not _is_small(question.inclusion) or law.T_max.sign() != 1 or law.is_updated:
+    if not is_small(question.inclusion) or law.T_max.sign() != 1 or law.is_updated:
         return None
     away = question
     if law.from_zero:

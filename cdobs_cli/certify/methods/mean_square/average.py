@@ -78,7 +78,8 @@ class Average(Method):
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:
-        if not cls.applies(question):
+        """For the errors of all states: where the question is about one, there is none."""
+        if question.state is not None or not cls.applies(question):
             return None
         Z = errors_only(question.inclusion, np.ones(question.plant.n))
         setting = Setting.of(question, Z)

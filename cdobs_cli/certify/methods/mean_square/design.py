@@ -12,8 +12,8 @@ import numpy as np
 from cdobs_cli.certify.gains import Candidate
 from cdobs_cli.certify.kernel import kernel
 from cdobs_cli.certify.methods.base import Question
-from cdobs_cli.certify.methods.clock.certificate import GAIN_DIGITS, design_impulsive
-from cdobs_cli.certify.methods.mean_square.setting import is_small, units
+from cdobs_cli.certify.methods.clock.certificate import GAIN_DIGITS, design_impulsive, is_small
+from cdobs_cli.certify.methods.mean_square.setting import units
 from cdobs_cli.certify.methods.mean_square.signals import noise_floats
 from cdobs_cli.certify.methods.mean_square.synthesis import Aim, best_gain
 from cdobs_cli.certify.methods.rung import GENERAL
