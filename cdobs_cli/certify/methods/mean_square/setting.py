@@ -117,10 +117,16 @@ def units(inclusion: HybridInclusion) -> Array:
     return np.array([float(row[i]) for i, row in enumerate(basis(inclusion))])
 
 
+def padded(Z: Array, N: int) -> Array:
+    """diag(Z, 0), shape (N, N)."""
+    whole = np.zeros((N, N))
+    whole[: len(Z), : len(Z)] = Z
+    return whole
+
+
 def errors_only(inclusion: HybridInclusion, weights: Array) -> Array:
     """diag(weights, 0), shape (N, N): weights of the n errors, none of what else the error system holds."""
-    N, n = inclusion.floats.base.shape[0], inclusion.plant.n
-    return np.diag(np.concatenate([weights, np.zeros(N - n)]))
+    return padded(np.diag(weights), inclusion.floats.base.shape[0])
 
 
 def diagonal(entries: list[Fraction]) -> Matrix:
