@@ -58,7 +58,7 @@ def test_a_certificate_with_a_smaller_p_proves_nothing():
         replace(whole, law=periodic("1")),
     ):  # fmt: skip
         assert not changed.prove(question).holds
-    chain = EveryTime.of_state(question, 1)
+    chain = EveryTime.propose(question.of_state(1))
     assert chain is not None and chain.prove(question).holds
     P = chain.P
     for altered in (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -9,14 +10,14 @@ import numpy as np
 
 from cdobs_cli.certify import search
 from cdobs_cli.certify.climb import GAIN_DIGITS, Climb
-from cdobs_cli.certify.gains import Candidate, GainSearch, NoDesignError
+from cdobs_cli.certify.gains import Candidate, GainSearch, Merit, NoDesignError
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.rung import Rung, fastest, rate_over
 from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger
 from cdobs_cli.certify.methods.wirtinger.design import HeldSynthesis, size
 from cdobs_cli.certify.units import Units
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
-from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold
+from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold, accurate
 from cdobs_cli.families.lpv_zoh.search_plan import CLOCK, headline
 from cdobs_cli.hybrid import PlantView
 from cdobs_cli.plant import Plant
@@ -179,6 +180,16 @@ class ClockGain(HeldGain):
             return start
         climb = Climb(passes, _unit(question.plant, T), _budget(question))
         return Candidate(climb.run(start.gain.floats, 0.9999 * rate)[0], question.law)
+
+    def quietest(self, question: Question) -> Candidate | None:
+        start, rate = self._faster_start(question)
+        return accurate.quietest(question, start, rate, CLOCK)
+
+    def least_error(
+        self, question: Question, merit: Merit | None = None, weights: Sequence[float] | None = None
+    ) -> Candidate | None:
+        start, _ = self._faster_start(question)
+        return accurate.least_error(question, start, CLOCK, merit, weights)
 
     def _faster_start(self, question: Question) -> tuple[Candidate, float]:
         """Of the convex synthesis at half its fastest rate and close to it, the gain whose proved rate is larger."""

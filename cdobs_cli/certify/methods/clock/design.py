@@ -14,7 +14,7 @@ from cdobs_cli.certify.gains import Candidate, GainSearch, Merit
 from cdobs_cli.certify.kernel import kernel
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.clock.certificate import design_impulsive
-from cdobs_cli.certify.methods.mean_square.design import least_white_error, quietest
+from cdobs_cli.certify.methods.mean_square.design import least_error, quietest
 from cdobs_cli.certify.methods.rung import GENERAL, fastest
 from cdobs_cli.exact.numbers import ExactMatrix
 
@@ -63,7 +63,7 @@ class ImpulsiveGain(GainSearch):
     def least_error(
         self, question: Question, merit: Merit | None = None, weights: Sequence[float] | None = None
     ) -> Candidate | None:
-        return least_white_error(question, weights)
+        return least_error(question, merit, weights)
 
     def _climbed(self, question: Question, best: Candidate) -> Candidate:
         """A faster gain near by, where its proofs are quick (linear loops)."""

@@ -26,6 +26,7 @@ from flint import arb
 
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
 from cdobs_cli.certify.methods.clock.form import Shape
+from cdobs_cli.certify.methods.mean_square.aim import Aim
 from cdobs_cli.certify.methods.mean_square.curves import Curves
 from cdobs_cli.certify.methods.mean_square.form import sample_instants
 from cdobs_cli.certify.methods.mean_square.polynomial import (
@@ -38,7 +39,7 @@ from cdobs_cli.certify.methods.mean_square.polynomial import (
     texts,
     unit_texts,
 )
-from cdobs_cli.certify.methods.mean_square.setting import Setting, errors_only, shape
+from cdobs_cli.certify.methods.mean_square.setting import Setting, errors_only, padded, shape
 from cdobs_cli.certify.methods.mean_square.signals import identity_on, is_white, noise_floats, takes
 from cdobs_cli.plant import Plant
 
@@ -78,15 +79,17 @@ class Average(Method):
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:
-        if not cls.applies(question):
+        """For the errors of all states: where the question is about one, there is none."""
+        if question.state is not None or not cls.applies(question):
             return None
-        Z = errors_only(question.inclusion, np.ones(question.plant.n))
-        setting = Setting.of(question, Z)
+        n = question.plant.n
+        aim = Aim(np.eye(n), *noise_floats(question.plant), 0.0)
+        setting = Setting.of(question, errors_only(question.inclusion, np.ones(n)))
         if setting is None:
             return None
         form = shape(question, setting)
         for epsilon in EPSILONS:
-            search = AverageSearch.of(question, setting, form, Z, epsilon)
+            search = AverageSearch.of(setting, form, aim, epsilon)
             met = search.solve(question.memory)
             if met is None:
                 continue
@@ -123,11 +126,11 @@ class AverageSearch:
     T: float
 
     @staticmethod
-    def of(question: Question, setting: Setting, form: Shape, Z: Array, epsilon: float) -> AverageSearch:
-        R, Q = noise_floats(question.plant)
-        curves = Curves(form, setting.shortest, setting.flows, setting.weight(Z)[None], 1, epsilon)
-        spread = setting.kick @ R @ setting.kick.T
-        drift = setting.drive @ Q @ setting.drive.T / setting.T
+    def of(setting: Setting, form: Shape, aim: Aim, epsilon: float) -> AverageSearch:
+        Z = setting.weight(padded(aim.Z, setting.N))[None]
+        curves = Curves(form, setting.shortest, setting.flows, Z, 1, epsilon, aim.sigma * setting.T)
+        spread = setting.kick @ aim.R @ setting.kick.T
+        drift = setting.drive @ aim.Q @ setting.drive.T / setting.T
         return AverageSearch(curves, setting.jumps, spread, drift, setting.T)
 
     def solve(self, memory: dict[Any, Any]) -> tuple[float, Array] | None:
@@ -148,3 +151,13 @@ class AverageSearch:
         if x is None:
             return None
         return float(np.sqrt(max(x[-1], 0.0) * size / self.T)), curves.coefficients(x)[0]
+
+
+def amplification(question: Question, aim: Aim) -> float | None:
+    """The root of the average of e'Z e of the question's gain, the aim's rate kept: a guess; None where the solver
+    finds none."""
+    setting = Setting.of(question, padded(aim.Z, question.inclusion.floats.base.shape[0]))
+    if setting is None:
+        return None
+    met = AverageSearch.of(setting, shape(question, setting), aim, EPSILONS[0]).solve(question.memory)
+    return None if met is None else met[0]

@@ -1,23 +1,25 @@
-"""Gains for a correction at samples that let little noise through: at a rate, or for the noise that is declared."""
+"""Gains that let little noise through: at a rate, or for the noise and disturbance that are declared."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction
-from math import log
+from math import inf, log
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cdobs_cli.certify.gains import Candidate
+from cdobs_cli.certify.gains import Candidate, Merit
 from cdobs_cli.certify.kernel import kernel
+from cdobs_cli.certify.methods import peak_synthesis
 from cdobs_cli.certify.methods.base import Question
-from cdobs_cli.certify.methods.clock.certificate import GAIN_DIGITS, design_impulsive
-from cdobs_cli.certify.methods.mean_square.setting import is_small, units
-from cdobs_cli.certify.methods.mean_square.signals import noise_floats
-from cdobs_cli.certify.methods.mean_square.synthesis import Aim, best_gain
-from cdobs_cli.certify.methods.rung import GENERAL
+from cdobs_cli.certify.methods.clock.certificate import GAIN_DIGITS, design_impulsive, is_small
+from cdobs_cli.certify.methods.mean_square import synthesis
+from cdobs_cli.certify.methods.mean_square.aim import Aim, weights_of
+from cdobs_cli.certify.methods.mean_square.signals import is_bounded
+from cdobs_cli.certify.methods.rung import GENERAL, Rung
 from cdobs_cli.certify.search import short
+from cdobs_cli.certify.simplex import smallest
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.sampling import SamplingLaw
 
@@ -28,26 +30,22 @@ _WIDTH = 0.02
 _RATE_DIGITS = 6
 _PARTS = (Fraction(1), Fraction(99, 100), Fraction(9, 10))  # of the rate kept, where less is left by rounding
 _SLOW = 50  # periods in which the error falls to 1 % at least, where no disturbance keeps a gain from vanishing
-
-
-def scales(question: Question) -> Array:
-    """How far each state moves: the width of its domain's side, else what the clock certificate counts in, in
-    proportion to the sides that are known; shape (n,)."""
-    plant = question.plant
-    size = units(question.inclusion)[: plant.n]
-    known = {}
-    for i, name in enumerate(plant.states):
-        side = plant.domain.box.get(name)
-        if side is not None and side.lower is not None and side.upper is not None:
-            known[i] = float(side.upper) - float(side.lower)
-    known = {i: width for i, width in known.items() if width > 0}
-    ratio = float(np.median([width / size[i] for i, width in known.items()])) if known else 1.0
-    return np.array([known.get(i, ratio * size[i]) for i in range(plant.n)])
+_STEP = 0.05  # of a gain's entries
+_VALUES = 15  # of the merit, for each entry
 
 
 def capped_rate(question: Question) -> Fraction:
     """ln(100) / (n T_max): the error falls to 1 % in n periods. A dead beat is no goal."""
-    return short(log(100) / (question.plant.n * float(question.law.T_max)), _RATE_DIGITS).rational or Fraction(0)
+    return _rate(log(100) / (question.plant.n * float(question.law.T_max)))
+
+
+def slow_rate(question: Question) -> Fraction:
+    """ln(100) / (50 T_max)."""
+    return _rate(log(100) / (_SLOW * float(question.law.T_max)))
+
+
+def _rate(value: float) -> Fraction:
+    return short(value, _RATE_DIGITS).rational or Fraction(0)
 
 
 def fastest_rate(question: Question) -> Fraction | None:
@@ -64,7 +62,7 @@ def fastest_rate(question: Question) -> Fraction | None:
     if not found(low):
         return None
     while high - low > Fraction(_WIDTH) * high:
-        middle = short(float(low + high) / 2, _RATE_DIGITS).rational or low
+        middle = _rate(float(low + high) / 2)
         if not low < middle < high:
             break
         low, high = (middle, high) if found(middle) else (low, middle)
@@ -79,51 +77,125 @@ def away_from_zero(question: Question) -> Question:
     return question.under(SamplingLaw("aperiodic", Exact(law.T_max.rational / 8), law.T_max))
 
 
+def takes(question: Question) -> bool:
+    """Whether corners are few enough, and the law one of periods."""
+    return is_small(question.inclusion) and question.law.is_bounded
+
+
 def quietest(question: Question) -> Candidate | None:
-    """Of the gains that reach half of the fastest proved rate the one that amplifies noise least: R = I, Q = 0, errors
-    weighted by 1 / scale^2. Its certificate proves that rate; the merit is minus its root mean square."""
-    if not is_small(question.inclusion) or question.law.is_updated:
-        return None
-    fastest = fastest_rate(question)
+    """The correction at samples that amplifies noise least, R = I, Q = 0, errors weighted by 1 / scale^2, of those that
+    reach half of the fastest proved rate. Its certificate proves that rate; the merit is minus its root mean square."""
+    fastest = fastest_rate(question) if takes(question) else None
     if fastest is None:
         return None
-    n, p = question.plant.n, question.plant.p
     sigma = max(fastest / 2, question.rate)
-    aim = Aim(np.diag(scales(question) ** -2.0), np.eye(p), np.zeros((n, n)), float(sigma))
-    return designed(question, aim, sigma)
+    return _designed(question, Aim.quiet(question, float(sigma)), sigma)
 
 
-def least_white_error(question: Question, weights: Sequence[float] | None = None) -> Candidate | None:
-    """The gain of the least weighted mean square error over time, for the covariance and intensity declared.
-
-    Where none is proved, or no disturbance keeps the gain from vanishing, a slow rate is kept too."""
-    if not is_small(question.inclusion) or question.law.is_updated:
+def least_error(
+    question: Question, merit: Merit | None = None, weights: Sequence[float] | None = None
+) -> Candidate | None:
+    """The correction at samples of the least error under what is declared: white signals, of the least mean square over
+    time; bounded ones, of the least bounds, sum_i w_i b_i^2; then the merit, where there is one, is lowered step by
+    step. At the question's rate at least."""
+    if not takes(question):
         return None
-    R, Q = noise_floats(question.plant)
-    if not (R.any() or Q.any()):
+    start = (_least_bounds if is_bounded(question.plant) else _least_mean_square)(question, weights)
+    if start is None or merit is None:
+        return start
+    return descended(question, "K", start, merit, GENERAL)
+
+
+def _least_mean_square(question: Question, weights: Sequence[float] | None) -> Candidate | None:
+    """Where none is proved, or no disturbance keeps the gain from vanishing, a slow rate is kept too."""
+    aim = Aim.declared(question, weights, 0.0)
+    if not (aim.R.any() or aim.Q.any()):
         return None
-    Z = np.diag(scales(question) ** -2.0) if weights is None else np.diag(np.asarray(weights, dtype=float))
-    floor = max(question.rate, short(log(100) / (_SLOW * float(question.law.T_max)), _RATE_DIGITS).rational or 0)
-    for sigma in (question.rate, floor) if Q.any() else (floor,):
-        candidate = designed(question, Aim(Z, R, Q, float(sigma)), question.rate)
+    slow = max(question.rate, slow_rate(question))
+    for sigma in (question.rate, slow) if aim.Q.any() else (slow,):
+        candidate = _designed(question, Aim(aim.Z, aim.R, aim.Q, float(sigma)), question.rate)
         if candidate is not None:
             return candidate
     return None
 
 
-def designed(question: Question, aim: Aim, sigma: Fraction) -> Candidate | None:
+def _designed(question: Question, aim: Aim, sigma: Fraction) -> Candidate | None:
     """The gain that is best for the aim, rounded, and proved at a rate of about sigma; its merit is minus the aim's
     root mean square."""
-    away = away_from_zero(question)
-    met = best_gain(away.afresh(), aim)
-    if met is None:
+    met = synthesis.best_gain(away_from_zero(question).afresh(), aim)
+    return None if met is None else proved(question, "K", corrected(question, met[0]), -met[1], GENERAL, sigma)
+
+
+def _least_bounds(question: Question, weights: Sequence[float] | None) -> Candidate | None:
+    Z = np.diag(weights_of(question, weights))
+    guess = peak_synthesis.best_gain(away_from_zero(question).afresh(), Z, float(question.rate))
+    if guess is None:
         return None
-    K = ExactMatrix.from_floats(met[0], GAIN_DIGITS)
-    if question.law.from_zero:
-        K = kernel(question.plant.C).nearest(K)
+    K = corrected(question, guess.K)
+    return proved(question, "K", K, -float(np.sqrt(guess.size)), GENERAL, question.rate)
+
+
+def corrected(question: Question, K: Array) -> ExactMatrix:
+    """The gain rounded; from T_min = 0 on the nearest with C K = I."""
+    rounded = ExactMatrix.from_floats(K, GAIN_DIGITS)
+    return kernel(question.plant.C).nearest(rounded) if question.law.from_zero else rounded
+
+
+def proved(
+    question: Question, letter: str, gain: ExactMatrix, merit: float, rung: Rung, sigma: Fraction
+) -> Candidate | None:
+    """The gain with its certificate at a rate of about sigma, and at the question's at least."""
     for part in _PARTS if sigma > question.rate else _PARTS[:1]:
-        about = question.with_gain({"K": K}).with_rate(max(question.rate, sigma * part))
-        method = GENERAL.propose(about.afresh())
+        about = question.with_gain({letter: gain}).with_rate(max(question.rate, sigma * part))
+        method = rung.propose(about.afresh())
         if method is not None:
-            return Candidate(K, question.law, -met[1], method)
+            return Candidate(gain, question.law, merit, method)
     return None
+
+
+def descended(
+    question: Question, letter: str, start: Candidate, value: Merit, rung: Rung, sigma: Fraction | None = None
+) -> Candidate:
+    """From a gain down the valley of a value, which is None where nothing is proved; what is met counts where its
+    certificate is found at a rate of about sigma, the question's where it is not said."""
+    rate = question.rate if sigma is None else sigma
+    round_off = _round_off(question, letter)
+
+    def of(entries: Array) -> float:
+        met = value(question.with_gain({letter: round_off(entries)}).afresh())
+        return inf if met is None else met
+
+    first, steps = _entries(question, letter, start.gain)
+    if not len(first):
+        return start
+    entries, least = smallest(of, first, steps, _VALUES * (len(first) + 1))
+    if least == inf:
+        return start
+    candidate = proved(question, letter, round_off(entries), -least, rung, rate)
+    at_start = of(first)
+    kept = start if at_start == inf else Candidate(start.gain, start.law, -at_start, start.method)
+    return candidate if candidate is not None else kept
+
+
+def _free_rows(question: Question, letter: str) -> list[int]:
+    """Rows of the gain that are free: of a correction with C K = I those off the pivots."""
+    tied = letter == "K" and question.law.from_zero
+    return list(kernel(question.plant.C).others) if tied else list(range(question.plant.n))
+
+
+def _entries(question: Question, letter: str, gain: ExactMatrix) -> tuple[Array, Array]:
+    """The free entries of a gain, and first steps from them."""
+    floats = gain.floats[_free_rows(question, letter)]
+    steps = _STEP * np.maximum(np.abs(floats), 0.2 * np.abs(gain.floats).max())
+    return floats.reshape(-1), steps.reshape(-1)
+
+
+def _round_off(question: Question, letter: str) -> Callable[[Array], ExactMatrix]:
+    plant, rows = question.plant, _free_rows(question, letter)
+
+    def gain(entries: Array) -> ExactMatrix:
+        whole = np.zeros((plant.n, plant.p))
+        whole[rows] = entries.reshape(len(rows), plant.p)
+        return corrected(question, whole) if letter == "K" else ExactMatrix.from_floats(whole, GAIN_DIGITS)
+
+    return gain

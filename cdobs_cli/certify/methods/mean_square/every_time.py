@@ -99,20 +99,16 @@ class EveryTime(Method):
         return is_white(question.plant) and takes(question)
 
     @classmethod
-    def propose(cls, question: Question) -> Self | None:
-        """The certificate of the least bound met for the error of the question's state."""
-        return None if question.state is None else cls.of_state(question, question.state)
-
-    @classmethod
     def each(cls, question: Question) -> list[Self]:
         """One certificate for each state that has one."""
-        met = (cls.of_state(question, i) for i in range(question.plant.n))
+        met = (cls.propose(question.of_state(i)) for i in range(question.plant.n))
         return [one for one in met if one is not None]
 
     @classmethod
-    def of_state(cls, question: Question, state: int) -> Self | None:
-        """The certificate of the least bound met for one error."""
-        if not cls.applies(question):
+    def propose(cls, question: Question) -> Self | None:
+        """The certificate of the least bound met for the error of the question's state."""
+        state = question.state
+        if state is None or not cls.applies(question):
             return None
         Z = errors_only(question.inclusion, np.eye(question.plant.n)[state])
         setting = Setting.of(question, Z)

@@ -12,7 +12,7 @@ import numpy as np
 
 from cdobs_cli.certify.floats import exponentials
 from cdobs_cli.certify.methods.base import Question
-from cdobs_cli.certify.methods.clock.certificate import MAX_CORNER_ENTRIES, MAX_OUTPUT_ENTRIES, basis
+from cdobs_cli.certify.methods.clock.certificate import basis
 from cdobs_cli.certify.methods.clock.form import Shape
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.hybrid import HybridInclusion
@@ -117,19 +117,20 @@ def units(inclusion: HybridInclusion) -> Array:
     return np.array([float(row[i]) for i, row in enumerate(basis(inclusion))])
 
 
+def padded(Z: Array, N: int) -> Array:
+    """diag(Z, 0), shape (N, N)."""
+    whole = np.zeros((N, N))
+    whole[: len(Z), : len(Z)] = Z
+    return whole
+
+
 def errors_only(inclusion: HybridInclusion, weights: Array) -> Array:
     """diag(weights, 0), shape (N, N): weights of the n errors, none of what else the error system holds."""
-    N, n = inclusion.floats.base.shape[0], inclusion.plant.n
-    return np.diag(np.concatenate([weights, np.zeros(N - n)]))
+    return padded(np.diag(weights), inclusion.floats.base.shape[0])
 
 
 def diagonal(entries: list[Fraction]) -> Matrix:
     return Matrix.from_rows([[entry if i == j else 0 for j in range(len(entries))] for i, entry in enumerate(entries)])
-
-
-def is_small(inclusion: HybridInclusion) -> bool:
-    """Whether there are few enough corners, of flow and jump, to enumerate."""
-    return len(inclusion.quantities) <= MAX_CORNER_ENTRIES and len(inclusion.outputs) <= MAX_OUTPUT_ENTRIES
 
 
 def shape(question: Question, setting: Setting, functions: int = 1) -> Shape:

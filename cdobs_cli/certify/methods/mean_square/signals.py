@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from flint import arb
 
 from cdobs_cli.certify.methods.base import Question
-from cdobs_cli.certify.methods.mean_square.setting import is_small
+from cdobs_cli.certify.methods.clock.certificate import is_small
 from cdobs_cli.exact.matrix import Matrix
-from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.plant import Box, Plant
 
 if TYPE_CHECKING:
@@ -42,12 +42,17 @@ def noise_floats(plant: Plant) -> tuple[Array, Array]:
     return R, Q
 
 
-def half_widths(box: Box | None, size: int) -> list[Any]:
-    """The largest size of each component of a signal, rationals or balls; zeros without a box."""
+def acting(box: Box | None) -> list[int]:
+    """The signals of a box that are not 0."""
+    ends = () if box is None else zip(box.lower, box.upper, strict=True)
+    return [j for j, (low, high) in enumerate(ends) if not low.sign() == high.sign() == 0]
+
+
+def largest_sizes(box: Box | None, size: int) -> list[arb]:
+    """The largest size of each signal, 0 without a box."""
     if box is None:
-        return [Exact(0).scalar] * size
-    pairs = [(abs(low.scalar), abs(high.scalar)) for low, high in zip(box.lower, box.upper, strict=True)]
-    return [low if low >= high else high if high >= low else low.max(high) for low, high in pairs]
+        return [arb(0)] * size
+    return [abs(low.ball()).max(abs(high.ball())) for low, high in zip(box.lower, box.upper, strict=True)]
 
 
 def identity_on(n: int, N: int) -> Matrix:

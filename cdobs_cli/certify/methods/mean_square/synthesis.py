@@ -12,7 +12,6 @@ that of the periodic Kalman filter.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +19,7 @@ import numpy as np
 from cdobs_cli.certify.blocks import BlockProgram, full_basis, symmetric_basis
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.form import Shape, jump_block
+from cdobs_cli.certify.methods.mean_square.aim import Aim
 from cdobs_cli.certify.methods.mean_square.curves import Curves
 from cdobs_cli.certify.methods.mean_square.form import spread_block
 from cdobs_cli.certify.methods.mean_square.setting import Setting, shape, units
@@ -30,17 +30,6 @@ if TYPE_CHECKING:
 
 _EPSILON = 1e-8
 _DIGITS = 12
-
-
-@dataclass(frozen=True)
-class Aim:
-    """What a gain is to be best for: the errors' weights Z (n, n), the covariance R (p, p) of the noise, the intensity
-    Q (n, n) of the disturbance, and sigma, the rate to be kept."""
-
-    Z: Array
-    R: Array
-    Q: Array
-    sigma: float
 
 
 def best_gain(question: Question, aim: Aim) -> tuple[Array, float] | None:

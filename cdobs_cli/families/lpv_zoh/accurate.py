@@ -1,0 +1,66 @@
+"""Held gains that let little noise through: L multiplies P(tau), so they are looked for step by step, with the least
+mean square that the clock-dependent function proves of each as their value."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from math import inf
+
+from cdobs_cli.certify.climb import GAIN_DIGITS
+from cdobs_cli.certify.gains import Candidate, Merit
+from cdobs_cli.certify.methods.base import Question
+from cdobs_cli.certify.methods.mean_square.aim import Aim
+from cdobs_cli.certify.methods.mean_square.average import amplification
+from cdobs_cli.certify.methods.mean_square.design import (
+    away_from_zero,
+    capped_rate,
+    descended,
+    proved,
+    slow_rate,
+    takes,
+)
+from cdobs_cli.certify.methods.rung import Rung
+from cdobs_cli.certify.search import short
+from cdobs_cli.exact.numbers import ExactMatrix
+
+_PARTS = (1.0, 0.75, 0.5, 0.3, 0.15)  # of a gain that decays fast
+_RATE_DIGITS = 6
+
+
+def quietest(question: Question, start: Candidate, rate: float, rung: Rung) -> Candidate | None:
+    """Of the gains that reach half of a proved rate, capped as for a correction at samples, the one that amplifies
+    noise least; `start` has that rate."""
+    if not takes(question):
+        return None
+    fastest = min(short(rate, _RATE_DIGITS).rational or Fraction(0), capped_rate(question))
+    sigma = max(fastest / 2, question.rate)
+    return _least(question, start, Aim.quiet(question, float(sigma)), sigma, rung)
+
+
+def least_error(
+    question: Question, start: Candidate, rung: Rung, merit: Merit | None, weights: Sequence[float] | None
+) -> Candidate | None:
+    """The gain of the least mean square for what is declared, bounded signals as if they were uniform; from there down
+    the valley of the merit, where there is one."""
+    aim = Aim.declared(question, weights, 0.0)
+    if not takes(question) or not (aim.R.any() or aim.Q.any()):
+        return None
+    sigma = question.rate if aim.Q.any() else max(question.rate, slow_rate(question))
+    met = _least(question, start, Aim(aim.Z, aim.R, aim.Q, float(sigma)), question.rate, rung)
+    return met if met is None or merit is None else descended(question, "L", met, merit, rung)
+
+
+def _least(question: Question, start: Candidate, aim: Aim, sigma: Fraction, rung: Rung) -> Candidate | None:
+    """Down from the best part of a gain; its merit is minus the aim's root mean square."""
+
+    def value(about: Question) -> float | None:
+        return amplification(away_from_zero(about), aim)
+
+    def of(L: ExactMatrix) -> float:
+        met = value(question.with_gain({"L": L}).afresh())
+        return inf if met is None else met
+
+    L = min((ExactMatrix.from_floats(part * start.gain.floats, GAIN_DIGITS) for part in _PARTS), key=of)
+    first = proved(question, "L", L, -of(L), rung, sigma)
+    return None if first is None else descended(question, "L", first, value, rung, sigma)
