@@ -208,10 +208,12 @@ def _damaged(work: Work, name: str) -> ArtefactError:
 
 
 def _new_run(work: Work, design: Design) -> Run:
+    from cdobs_cli.comparison import compared
     from cdobs_cli.simulate.engine import simulate as engine
 
     assert work.spec.simulation is not None
-    return engine(system_of(work.spec, design), work.spec.simulation, design.sampling)
+    loop = system_of(work.spec, design), work.spec.simulation, design.sampling
+    return compared(engine(*loop), *loop)
 
 
 def _write_run(work: Work, design: Design, run: Run) -> dict[str, Any]:

@@ -109,16 +109,48 @@ class RunSummary(Noun):
 
 
 @dataclass(frozen=True)
+class Compared(Noun):
+    """Root mean square errors of one state after the transient: of the observer, and of the filter beside it."""
+
+    rmse: float
+    rmse_ekf: float | None
+
+
+@dataclass(frozen=True)
+class Comparison(Noun):
+    """The observer beside the extended Kalman filter on the same measurements, over runs number 0 to seeds - 1.
+
+    reason: why there is no filter, or none that came to an end.
+    """
+
+    seeds: int
+    states: Mapping[str, Compared]
+    reason: str | None = None
+
+
+@dataclass(frozen=True)
+class Filtered:
+    """The error of the filter beside the observer in run 0: t (N,), error (N, n)."""
+
+    t: NDArray[np.float64]
+    error: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
 class Run:
-    """All runs of one simulation."""
+    """All runs of one simulation; steps: of the integration, of the run that took most (not stored)."""
 
     trajectories: tuple[Trajectory, ...]
     summaries: tuple[RunSummary, ...]
     overall: RunSummary
     digests: Mapping[str, str] = field(default_factory=dict)
+    comparison: Comparison | None = None
+    filtered: Filtered | None = None
+    steps: int = 0
 
     def document(self) -> dict[str, Any]:
+        compared = {} if self.comparison is None else {"comparison": self.comparison.document()}
         return {
             "schema_version": 1, "runs": [summary.document() for summary in self.summaries],
-            "overall": self.overall.document(), "digests": dict(self.digests),
+            "overall": self.overall.document(), **compared, "digests": dict(self.digests),
         }  # fmt: skip

@@ -12,8 +12,8 @@ from cdobs_cli.certificate import ERROR_BOUNDED, Bound, Claim, status_of
 from cdobs_cli.certify.adversary import attained
 from cdobs_cli.certify.gains import Merit
 from cdobs_cli.certify.methods.base import Method, Proof, Question, Reach
+from cdobs_cli.certify.methods.mean_square.aim import scales
 from cdobs_cli.certify.methods.mean_square.average import Average
-from cdobs_cli.certify.methods.mean_square.design import scales
 from cdobs_cli.certify.methods.mean_square.every_time import EveryTime
 from cdobs_cli.certify.methods.mean_square.signals import is_white
 from cdobs_cli.certify.methods.peak.certificate import Peak

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from cdobs_cli.chart import Chart, Panel, Series, Table
 from cdobs_cli.design import Design, FrontPoint
 from cdobs_cli.report.numbers import end_text, float_or_none
+from cdobs_cli.report.trajectories import axis_name
 
 _DIGITS = 4
 _SHOWN = 24  # numbers of a gain in a cell
@@ -31,7 +32,7 @@ def front_charts(design: Design, states: Sequence[str]) -> Iterator[Chart]:
             series.append(Series("this design", [float(design.sampling.T_max)], [0.0], "mark", "estimate"))
             if at is not None:
                 series.append(Series("knee", [periods[at]], [0.0], "mark", "other"))
-            panels.append(Panel("period (s)", f"error of {name}", tuple(series)))
+            panels.append(Panel("period (s)", f"error of {axis_name(name)}", tuple(series)))
         caption = f"The least proved error against the {law}, each point with a gain of its own."
         if at is not None:
             caption += f" Up to the knee at {periods[at]:.4g} fewer samples cost little; beyond it they cost much."

@@ -31,8 +31,9 @@ BOUND_TITLES = {
     "delta_star": "Limit of the reachable set, δ*",
     "decay_rate": "Decay rate of the error",
     "final_width": "Final width of the interval",
-    "error": "Largest error in the long run",
-    "error_transient": "Largest error from the known initial ones",
+    "error": "Error in the long run, at most",
+    "error_transient": "Error on the way, at most",
+    "rms": "Root mean square error, at most",
 }
 # The bracket of the headline: the first of these that is known.
 HEADLINE_BOUNDS = ("period_max", "guaranteed_period", "positivity_period_max", "tau_max", "period_max_any_gain")
@@ -114,7 +115,8 @@ class Report:
             return ()
         checked = self.check if self.design.outcome != "none" else None
         envelope = None if checked is None else self.family.envelope(self.plant, self.design, checked)
-        charts = run_charts(self.plant, self.run, envelope, self.coordinates)
+        bounds = {} if checked is None else checked.bounds
+        charts = run_charts(self.plant, self.run, envelope, self.coordinates, bounds)
         return tuple(self.labels.chart(one, self._axes) for one in charts)
 
     @property
@@ -123,8 +125,8 @@ class Report:
         from cdobs_cli.report.trajectories import axis_name
 
         names = self.labels.states
-        told = {f"{what} of {name}": name for what in ("width", "error") for name in names}
-        return {axis_name(name): name for name in names} | told
+        axes = {axis_name(name): name for name in names} | {f"width of {name}": name for name in names}
+        return axes | {f"error of {axis_name(name)}": name for name in names}
 
     @cached_property
     def versions(self) -> dict[str, str]:

@@ -10,6 +10,7 @@ from cdobs_cli.certificate import Bound, Claim, Witness
 from cdobs_cli.chart import Table
 from cdobs_cli.labels import Labels
 from cdobs_cli.report import systems
+from cdobs_cli.report.accuracy import accuracy
 from cdobs_cli.report.blocks import (
     Block,
     Bullets,
@@ -40,7 +41,7 @@ from cdobs_cli.report.witnesses import witness_name
 from cdobs_cli.run import RunSummary
 
 MAX_RUN_ROWS = 20
-_SIMULATION_CHARTS = ("states", "typed_states", "error", "sampling")
+_SIMULATION_CHARTS = ("states", "typed_states", "error", "accuracy", "sampling")
 
 
 def sections(report: Report) -> tuple[Section, ...]:
@@ -321,6 +322,7 @@ def _simulation(report: Report) -> Section:
     blocks: list[Block] = [*_signals(report), Grid(columns, tuple(rows), "", caption)]
     if overall.departure is not None:
         blocks.append(Paragraph(f"{departure_sentence(overall.departure, report.labels)}."))
+    blocks += accuracy(report)
     blocks += [Picture(chart) for chart in report.charts if chart.name in _SIMULATION_CHARTS]
     return Section("Simulation", tuple(blocks))
 

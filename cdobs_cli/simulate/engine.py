@@ -5,6 +5,8 @@ xdot = f(t, x),  t_k <= t < t_(k+1);    y_k = C x(t_k) + v_k;    x+ = g(x-, y_k)
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from cdobs_cli.arrays import Array, Integers
@@ -28,7 +30,9 @@ MAX_SAMPLES, MAX_SAMPLES_TOGETHER = 50_000, 5_000_000
 MAX_STEPS, MAX_STEPS_TOGETHER = 200_000, 4_000_000
 
 
-def simulate(system: HybridSystem, plan: SimulationPlan, law: SamplingLaw) -> Run:
+def simulate(
+    system: HybridSystem, plan: SimulationPlan, law: SamplingLaw, *, first: int = 0, max_steps: int = MAX_STEPS
+) -> Run:
     """Run plant and observer together over [0, horizon].
 
     Sampling starts at t_0 = 0. The seed fixes initial states drawn from the box, aperiodic periods (uniform over their
@@ -37,13 +41,17 @@ def simulate(system: HybridSystem, plan: SimulationPlan, law: SamplingLaw) -> Ru
     sample, a white one as in `disturbance`. An input without a signal is 0; an initial estimate that is not given is
     the middle of the known box, or 0.
 
+    Args:
+        first: the number of the first run: runs of the same number see the same.
+        max_steps: of the integration, of one run.
+
     Raises:
         SpecError: a signal outside its declared interval, a period outside the law, a start that needs a box
             that is not given, more samples or runs than can be had.
     """
     with np.errstate(all="ignore"):
         try:
-            simulation = _Simulation(system, plan, law)
+            simulation = _Simulation(system, plan, law, first, max_steps)
             simulation.begin()
         except OverflowError as error:
             what = "a number that is too large to be simulated"
@@ -54,19 +62,21 @@ def simulate(system: HybridSystem, plan: SimulationPlan, law: SamplingLaw) -> Ru
 class _Simulation:
     """One call of `simulate`; all runs, each at its own time."""
 
-    def __init__(self, system: HybridSystem, plan: SimulationPlan, law: SamplingLaw) -> None:
+    def __init__(
+        self, system: HybridSystem, plan: SimulationPlan, law: SamplingLaw, first: int, max_steps: int
+    ) -> None:
         self.plan, self.runs, self.horizon = plan, plan.runs, float(plan.horizon)
         _refuse_impossible(system, plan)
         box = plan.initial_box
         self.box = None if box is None else (_columns(box.lower, self.runs), _columns(box.upper, self.runs))
         signals = Signals.of(system.plant, plan.signals, system.observer.control)
         self.loop = ClosedLoop(system, signals)
-        self.draws = Draws(plan.seed, self.runs)
+        self.draws = Draws(plan.seed, self.runs, first)
         self.noise = Noise(signals, self.draws)
         self.max_samples = min(MAX_SAMPLES, max(100, MAX_SAMPLES_TOGETHER // self.runs))
         chooses = system.observer.trigger is not None
         self.timetable = None if chooses else Timetable(law, plan, self.draws, self.max_samples)
-        self.max_steps = min(MAX_STEPS, max(1000, MAX_STEPS_TOGETHER // self.runs))
+        self.max_steps = min(max_steps, MAX_STEPS, max(1000, MAX_STEPS_TOGETHER // self.runs))
         kind = OneRun if self.runs == 1 else ManyRuns
         self.integrator = kind(self.loop, self.horizon, self.max_steps)
         self.watch = Watch(self.loop, self.runs)
@@ -93,7 +103,8 @@ class _Simulation:
         final_t = np.where(watch.halted, watch.stop_t, progress.t)
         final_y = np.where(watch.halted, watch.stop_y, progress.y)
         final_held = np.where(watch.halted, watch.stop_held, progress.held)
-        return summarise(self.loop, watch, self.record, final_t, final_y, final_held)
+        made = summarise(self.loop, watch, self.record, final_t, final_y, final_held)
+        return replace(made, steps=int(progress.steps.max()))
 
     def _flow(self, runs: Integers) -> Integers:
         """Flow the given runs to their next sample, or the horizon; a white disturbance is drawn anew on the way.

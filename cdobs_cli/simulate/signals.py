@@ -185,10 +185,10 @@ def fed_back(signals: Mapping[str, Expression], inputs: Iterable[str]) -> set[st
 
 
 class Draws:
-    """Random numbers by (run, purpose), as many as each run has asked for so far."""
+    """Random numbers by (run, purpose), as many as each run has asked for so far; the first run has number `first`."""
 
-    def __init__(self, seed: int, runs: int) -> None:
-        self.seed, self.runs = seed, runs
+    def __init__(self, seed: int, runs: int, first: int = 0) -> None:
+        self.seed, self.runs, self.first = seed, runs, first
         self._streams: dict[tuple[str, int], list[np.random.Generator]] = {}
         self._tables: dict[tuple[str, int], Array] = {}
 
@@ -197,7 +197,7 @@ class Draws:
         shape (len(runs),)."""
         key = (purpose, channel)
         if key not in self._streams:
-            keys = [(run, _PURPOSES[purpose], channel) for run in range(self.runs)]
+            keys = [(self.first + run, _PURPOSES[purpose], channel) for run in range(self.runs)]
             seeds = [np.random.SeedSequence(self.seed, spawn_key=key) for key in keys]
             self._streams[purpose, channel] = [np.random.default_rng(seed) for seed in seeds]
             self._tables[key] = np.empty((self.runs, 0))
