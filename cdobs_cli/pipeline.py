@@ -20,9 +20,10 @@ from cdobs_cli.errors import ArtefactError, CdobsError, UsageError
 from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.outcome import readable
 from cdobs_cli.store import CONTENT, Store, digest
-from cdobs_cli.synthesis import certify, initial_errors, is_design_of, new_design, plant_of, system_of
+from cdobs_cli.synthesis import certify, initial_errors, is_design_of, known_errors, new_design, plant_of, system_of
 
 if TYPE_CHECKING:
+    from cdobs_cli.plant import Box
     from cdobs_cli.report.model import Report
     from cdobs_cli.run import Run
     from cdobs_cli.spec.model import Spec
@@ -61,8 +62,13 @@ class Work:
         cards = self.spec.choice.cards if self.spec.choice else (self.spec.observer.name,)
         starts = (initial_errors(self.spec.chosen(name)) for name in cards)
         start = next((start for start in starts if start is not None), None)
-        ends = None if start is None else [[str(value) for value in side] for side in (start.lower, start.upper)]
-        return digest({"spec": self.key("plant", "measurement", "observer"), "start": ends, "effort": self.effort})
+        known = next((known for name in cards if (known := known_errors(self.spec.chosen(name))) is not None), None)
+        content: dict[str, Any] = {"spec": self.key("plant", "measurement", "observer"), "effort": self.effort}
+        return digest({**content, "start": _ends(start), "known": _ends(known)})
+
+
+def _ends(box: Box | None) -> list[list[str]] | None:
+    return None if box is None else [[str(value) for value in side] for side in (box.lower, box.upper)]
 
 
 def synthesize(work: Work) -> Design:

@@ -214,6 +214,12 @@ class Plant:
         return (*self.phi, *(self.h or ()))
 
     @property
+    def has_bounded_signals(self) -> bool:
+        """Whether disturbance or noise is declared, and all that is declared is bounded."""
+        declared = self.disturbance is not None or self.noise is not None
+        return declared and self.intensity is None and self.covariance is None
+
+    @property
     def output_quantities(self) -> tuple[Quantity, ...]:
         """The slopes of the outputs that vary, row by row."""
         return () if self.H is None else tuple(replace(rho, of="y") for rho in self.H.quantities)

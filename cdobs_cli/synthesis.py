@@ -32,6 +32,13 @@ def initial_errors(spec: Spec) -> Box | None:
     return spec.simulation.initial_errors(spec.plant.n)
 
 
+def known_errors(spec: Spec) -> Box | None:
+    """The typed x_hat(0) - x(0), where a bound of the error for all time is asked from them."""
+    if spec.simulation is None or not spec.observer.bounds_errors or not spec.plant.has_bounded_signals:
+        return None
+    return spec.simulation.initial_errors(spec.plant.n)
+
+
 def plant_of(spec: Spec, design: Design) -> Plant:
     """The plant with the slopes that the design found where they are `auto`; as it is where it found none."""
     return with_found(spec.plant, design.slopes) if design.slopes else spec.plant
@@ -142,6 +149,9 @@ def _design_over(region: Plant, spec: Spec, effort: int, *, together: bool = Fal
         plant = with_found(plant, slopes)
     with solver_log() as records:
         design = observer.synthesize(plant, effort)
+        known = known_errors(spec)
+        if known is not None and design.outcome != "none":
+            design = observer.started(plant, design, known, effort)
     design = replace(design, slopes=slopes, solver=summary(records))
     if design.outcome == "none":
         return design
@@ -151,7 +161,8 @@ def _design_over(region: Plant, spec: Spec, effort: int, *, together: bool = Fal
 def _margin_needed(spec: Spec, design: Design) -> dict[str, Exact]:
     """How far the estimate goes beyond the domain, with some room; empty where no level set shows it."""
     start = initial_errors(spec)
-    transients = spec.observer.transients(plant_of(spec, design), design) if start is not None else ()
+    plant = plant_of(spec, design)
+    transients = spec.observer.noisy_transients(plant, design) or spec.observer.transients(plant, design)
     if start is None or not transients:
         return {}
     bounds = min((transient(start) for transient in transients), key=lambda ends: max(float(end) for end in ends))
@@ -164,7 +175,7 @@ def _margin_needed(spec: Spec, design: Design) -> dict[str, Exact]:
 
 def certify(spec: Spec, design: Design, effort: int) -> Check:
     """What is proved of a design, with the premises about the plant and the conditions of the verdict."""
-    from cdobs_cli.bounds.estimate import confinement_claim
+    from cdobs_cli.bounds.estimate import confinement_claim, stays_within
     from cdobs_cli.bounds.slopes import slope_claims
     from cdobs_cli.certify.conditions import proved_of_the_plant, with_conditions
 
@@ -174,17 +185,21 @@ def certify(spec: Spec, design: Design, effort: int) -> Check:
         convergence = Claim(CONVERGENCE, "consequence", "undecided", statement, family.source, required=True)
         return Check((convergence, *unbounded_claims(resolve(spec.plant)[0])))
     proved, premises = family.certify(plant, design, effort), slope_claims(plant)
+    held_with_noise = False
     if plant.domain and design.outcome != "none":
-        premises += (confinement_claim(plant, design.estimate, family.transients(plant, design)),)
+        noisy = family.noisy_transients(plant, design)
+        premises += (confinement_claim(plant, design.estimate, (*noisy, *family.transients(plant, design))),)
+        held_with_noise = design.estimate.way == "margin" and stays_within(plant, design.estimate, noisy)
     if spec.coordinates is not None:
         premises = spec.coordinates.premises(premises)
     domain = spec.typed.domain if spec.typed else plant.domain
     claims = with_conditions(
         (*premises, *proved.claims), plant, design.estimate, domain, disturbed=family.disturbed,
-        reason=design.reason if design.outcome == "short" else None,
+        reason=design.reason if design.outcome == "short" else None, held_with_noise=held_with_noise,
     )  # fmt: skip
     judged = Check(claims, proved.bounds)
-    return replace(judged, bounds=proved_of_the_plant(judged, design.sampling, design.estimate))
+    bounds = proved_of_the_plant(judged, design.sampling, design.estimate, held_with_noise=held_with_noise)
+    return replace(judged, bounds=bounds)
 
 
 def is_design_of(spec: Spec, stored: Design) -> bool:

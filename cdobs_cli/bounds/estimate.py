@@ -159,13 +159,14 @@ def _judge(plant: Plant, confinement: Confinement, transients: Sequence[Transien
             return "proved", f"{beyond}, so the slopes hold wherever the estimate goes"
         case "cut" if _slopes_hold(plant.on_box, zeros=True):
             return "proved", "the observer evaluates phi at the estimate cut to the box of the domain"
-        case "margin" if _stays_within(plant, confinement, transients):
+        case "margin" if stays_within(plant, confinement, transients):
             within = f"the estimate stays within {confinement.margin_text} of the plant"
             return "proved", f"{within}, and the slopes hold so far beyond {domain}"
     return "undecided", f"it is not proved that the estimate stays in {domain}, where the slopes are"
 
 
-def _stays_within(plant: Plant, confinement: Confinement, transients: Sequence[Transient]) -> bool:
+def stays_within(plant: Plant, confinement: Confinement, transients: Sequence[Transient]) -> bool:
+    """Whether one of the transients from the initial errors of a margin does not pass it, and slopes hold within it."""
     if set(confinement.margin) != set(plant.states) or len(confinement.start) != plant.n:
         return False
     margin = [Exact(confinement.margin[name]).ball() for name in plant.states]

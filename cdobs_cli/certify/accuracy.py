@@ -3,23 +3,24 @@ either kind, of its largest value (`error.<state>`) and of its mean square (`rms
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from flint import arb
 
 from cdobs_cli.certificate import ERROR_BOUNDED, Bound, Certificate, Claim, status_of
 from cdobs_cli.certify.adversary import attained
+from cdobs_cli.certify.levels import Level
 from cdobs_cli.certify.methods.base import Method, Proof, Question, Reach
 from cdobs_cli.certify.methods.peak.certificate import Peak
 from cdobs_cli.certify.methods.peak.from_zero import PeakFromZero
-from cdobs_cli.certify.methods.peak.signals import is_bounded
 from cdobs_cli.exact.numbers import Exact, lower_text, upper_text
 from cdobs_cli.plant import Box, Plant
 
 REACHES: tuple[Reach, ...] = ("error bound", "mean square")
 # By the question: of each name one is kept, that of the least bound.
 METHODS: tuple[type[Method], ...] = (Peak, PeakFromZero)
+Transient = Callable[[Box], tuple[arb, ...]]
 _DIGITS = 6
 _ABOUT = "this gain under its law"
 
@@ -30,8 +31,8 @@ def is_asked(plant: Plant) -> bool:
 
 
 def certificates(question: Question) -> list[Certificate]:
-    """Of a gain under its law: of every name that its methods bound the certificate of the least bound. Uses the
-    solver."""
+    """Of a gain under its law: of every name that its methods bound the certificate of the least bound; for all time
+    where the question has a start. Uses the solver."""
     if not is_asked(question.plant) or question.inclusion.assemble_noise is None:
         return []
     least: dict[str, tuple[arb, Method]] = {}
@@ -48,6 +49,8 @@ def certificates(question: Question) -> list[Certificate]:
 def _asked(question: Question) -> Iterator[tuple[type[Method], Question]]:
     """Every method with what it is asked: about each state, a mean square also about all of them."""
     for method in METHODS:
+        if question.start is not None and method.reach != "error bound":
+            continue
         if method.applies(question):
             yield from ((method, question.of_state(i)) for i in range(question.plant.n))
             if method.reach == "mean square":
@@ -75,7 +78,8 @@ def accuracy(question: Question, items: Iterable[Item]) -> tuple[list[Claim], di
         best = min(proved, key=_size, default=None)
         claims.append(_claim(name, best or named[0], question))
         if best is not None:
-            bounds[name] = Bound(upper_text(_error(best), _DIGITS), None, "", best.method.rung, _ABOUT, "less")
+            about = ", ".join(filter(None, (_ABOUT, best.method.since(plant))))
+            bounds[name] = Bound(upper_text(_error(best), _DIGITS), None, "", best.method.rung, about, "less")
     reached, lower_ends = _reached(question)
     for name, end in lower_ends.items():
         bounds[name] = replace(bounds.get(name, Bound(None, None, "", None, _ABOUT, "less")), refuted=end)
@@ -85,7 +89,7 @@ def accuracy(question: Question, items: Iterable[Item]) -> tuple[list[Claim], di
 def _reached(question: Question) -> tuple[list[Claim], dict[str, str]]:
     """How large errors become at least: claims with words that make them so, and lower ends by the bounds' names."""
     plant, claims, ends = question.plant, [], {}
-    for i, state in enumerate(plant.states if is_bounded(plant) else ()):
+    for i, state in enumerate(plant.states if plant.has_bounded_signals else ()):
         met = attained(question.inclusion, i, question.effort)
         if met is None:
             continue
@@ -101,6 +105,31 @@ def _reached(question: Question) -> tuple[list[Claim], dict[str, str]]:
     return claims, ends
 
 
+def transients(question: Question, items: Iterable[Item], levels: Sequence[Level]) -> list[Transient]:
+    """From a box of errors before the first sample to upper ends of |e_j(t)| for all t after it, under the declared
+    disturbance and noise.
+
+    Of each state the least of: what is proved for all time from a box that holds this one; and, by superposition (the
+    error system is linear under each V), the error without disturbance and noise plus the error from e = 0 under them.
+    A bound of the latter in the long run is one at all times: before t = 0 it may be thought to have been 0 for ever.
+    """
+    proved = [item for item in items if item.proof.error is not None and item.method.covers.contains(question.law)]
+    known: dict[str, list[Item]] = {}
+    for item in proved:
+        known.setdefault(item.method.quantity(question.plant), []).append(item)
+
+    def bounds(start: Box) -> tuple[arb, ...]:
+        free, least = [level.bounds(start) for level in levels], []
+        for i, state in enumerate(question.plant.states):
+            from_start = [item for item in known.get(f"error_transient.{state}", ()) if item.method.holds_from(start)]
+            ends = [_error(item) for item in from_start]
+            ends += [_error(item) + level[i] for item in known.get(f"error.{state}", ()) for level in free]
+            least.append(min((end.upper() for end in ends), key=float, default=arb.pos_inf()))
+        return tuple(least)
+
+    return [bounds] if proved else []
+
+
 def _error(item: Item) -> arb:
     assert item.proof.error is not None
     return item.proof.error
@@ -112,9 +141,9 @@ def _size(item: Item) -> float:
 
 def _claim(name: str, item: Item, question: Question) -> Claim:
     method, proof = item.method, item.proof
-    statement = f"{method.statement}, sampling {method.covers.words}."
-    if proof.error is not None:
-        statement = f"{_left(name)} <= {upper_text(proof.error, _DIGITS)}, sampling {method.covers.words}."
+    told = method.statement if proof.error is None else f"{_left(name)} <= {upper_text(proof.error, _DIGITS)}"
+    since = method.since(question.plant)
+    statement = f"{told}{f' {since}' if since else ''}, sampling {method.covers.words}."
     return Claim(name, "certificate", status_of(proof.holds), statement, method.source, method=method.how)
 
 

@@ -24,6 +24,7 @@ def with_conditions(
     *,
     disturbed: bool,
     reason: str | None = None,
+    held_with_noise: bool = False,
 ) -> tuple[Claim, ...]:
     """The claims with all conditions of `convergence` in its own sentence.
 
@@ -32,6 +33,7 @@ def with_conditions(
     Args:
         domain: in the states that the user typed.
         reason: why the design falls short of what was asked.
+        held_with_noise: whether the margin of the estimate is shown under the declared disturbance and noise too.
         disturbed: whether the family's convergence speaks of the declared disturbance and noise themselves.
     """
     by_id = {claim.id: claim for claim in claims}
@@ -39,7 +41,7 @@ def with_conditions(
     told = []
     for claim in claims:
         if claim.id == ERROR_BOUNDED:
-            told.append(_bounded(claim, domain, confinement, stays, estimate))
+            told.append(_bounded(claim, domain, confinement, stays, estimate, held_with_noise))
             continue
         if claim.id != CONVERGENCE:
             told.append(claim)
@@ -76,19 +78,25 @@ def _while_inside(domain: Domain, confinement: Confinement, stays: Claim | None)
 
 
 def _bounded(
-    claim: Claim, domain: Domain, confinement: Confinement, stays: Claim | None, estimate: Claim | None
-) -> Claim:
+    claim: Claim, domain: Domain, confinement: Confinement, stays: Claim | None, estimate: Claim | None,
+    held_with_noise: bool,
+) -> Claim:  # fmt: skip
     """`error_bounded` with its conditions; a margin that was shown without disturbance and noise does not hold it."""
-    statement = ", ".join([claim.statement.rstrip("."), *_while_inside(domain, confinement, stays)])
+    conditions = _while_inside(domain, confinement, stays)
+    if confinement.way == "margin" and held_with_noise:
+        conditions.append(f"for initial errors {confinement.start_text}")
+    statement = ", ".join([claim.statement.rstrip("."), *conditions])
     if claim.status == "proved" and estimate is not None and estimate.status != "proved":
         claim, statement = replace(claim, status="undecided", by=None), f"{statement}: {estimate.statement}"
-    elif claim.status == "proved" and confinement.way == "margin":
+    elif claim.status == "proved" and confinement.way == "margin" and not held_with_noise:
         told = f"that {confinement.margin_text} holds with them is not proved"
         claim, statement = replace(claim, status="undecided", by=None), f"{statement}: {told}"
     return replace(claim, statement=f"{statement.rstrip('.')}.")
 
 
-def proved_of_the_plant(check: Check, law: SamplingLaw, confinement: Confinement) -> dict[str, Bound]:
+def proved_of_the_plant(
+    check: Check, law: SamplingLaw, confinement: Confinement, *, held_with_noise: bool = False
+) -> dict[str, Bound]:
     """The bounds that are proved of this plant and observer, not only of the slope class.
 
     A required premise that is not proved, or an estimate that may leave the slopes, leaves no period and no rate
@@ -101,7 +109,8 @@ def proved_of_the_plant(check: Check, law: SamplingLaw, confinement: Confinement
     kept = {}
     for name, bound in check.bounds.items():
         head, _, method = name.partition(".")
-        lost = head in _ERRORS and confinement.way == "margin"  # shown without disturbance and noise
+        # A margin that was shown without disturbance and noise.
+        lost = head in _ERRORS and confinement.way == "margin" and not held_with_noise
         if lost or (not stands and head in (*_PERIODS, *_CONSEQUENCES)):
             bound = replace(bound, proved=None)
         elif confinement.way == "margin" and head in _PERIODS and bound.proved is not None:

@@ -23,7 +23,7 @@ from cdobs_cli.certify.unseen import unseen
 from cdobs_cli.design import Design, Outcome
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import ExactMatrix
-from cdobs_cli.plant import Plant
+from cdobs_cli.plant import Box, Plant
 from cdobs_cli.sampling import SamplingLaw
 
 
@@ -67,6 +67,15 @@ def synthesize(card: Card, plant: Plant, effort: int) -> Design:
     is found. Uses the solver."""
     with np.errstate(all="ignore"):  # what overflows in a search is no guess
         return _Synthesis(card, plant, effort).run()
+
+
+def started(card: Card, plant: Plant, design: Design, start: Box, effort: int) -> Design:
+    """The design with bounds of its errors for all time from these before the first sample. Uses the solver."""
+    if not plant.has_bounded_signals or card.letter not in design.gain:
+        return design
+    with np.errstate(all="ignore"):
+        question = card.question(replace(plant, sampling=design.sampling), design.gain, effort).started(start)
+        return replace(design, certificates=(*design.certificates, *accuracy.certificates(question)))
 
 
 class _Synthesis:

@@ -4,10 +4,12 @@ ladder of methods, the bracket of the period, and the one conclusion.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, ClassVar, Protocol
+
+from flint import arb
 
 from cdobs_cli.certificate import CONVERGENCE, Bound, Certificate, Check, Claim, Status, Witness
 from cdobs_cli.certify import accuracy
@@ -21,7 +23,7 @@ from cdobs_cli.certify.unseen import Unseen, unseen
 from cdobs_cli.design import Design
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text, lower_text, text_below, upper_text
-from cdobs_cli.plant import Plant
+from cdobs_cli.plant import Box, Plant
 from cdobs_cli.sampling import SamplingLaw
 
 _UNSEEN = "unseen direction"
@@ -347,10 +349,23 @@ def _intervals(question: Question) -> list[Claim]:
     ]
 
 
+def noisy_transients(card: Card, plant: Plant, design: Design) -> list[Callable[[Box], tuple[arb, ...]]]:
+    """How large the error becomes on the way under the declared disturbance and noise, where that is bounded."""
+    if not plant.has_bounded_signals:
+        return []
+    question, covering = _covering(card, plant, design)
+    kept = [one for one in design.certificates if one.method in {method.name for method in accuracy.METHODS}]
+    sized = [accuracy.Item(item.method, item.proof) for item in _judged(card, question, kept) if item.own]
+    met = (item.method.level(question) for item in covering)
+    return accuracy.transients(question, sized, [level for level in met if level is not None])
+
+
 def _covering(card: Card, plant: Plant, design: Design) -> tuple[Question, list[Judged]]:
     plant = replace(plant, sampling=design.sampling)
     question = card.question(plant, design.gain, 0)
-    judgement = Judgement(card, design, question, tuple(_judged(card, question, design.certificates)))
+    sizing = {method.name for method in accuracy.METHODS}
+    kept = [one for one in design.certificates if one.method not in sizing]
+    judgement = Judgement(card, design, question, tuple(_judged(card, question, kept)))
     return question, judgement.covering
 
 

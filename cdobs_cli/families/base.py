@@ -37,6 +37,8 @@ class Family(BaseModel, ABC):
     source: ClassVar[str]
     # Whether convergence is claimed under the declared disturbance and noise (bounds hold), or without them.
     disturbed: ClassVar[bool] = False
+    # Whether its designs hold bounds of the error under declared disturbance and noise.
+    bounds_errors: ClassVar[bool] = False
 
     @classmethod
     def example(cls) -> str:
@@ -88,8 +90,18 @@ class Family(BaseModel, ABC):
         raise NotImplementedError(f"{type(self).__name__} has no constant gain")
 
     def transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
-        """How large the error becomes on the way, from the stored certificates, each proved again."""
+        """How large the error becomes on the way without disturbance and noise, from the stored certificates, each
+        proved again."""
         return ()
+
+    def noisy_transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
+        """The same under the declared disturbance and noise."""
+        return ()
+
+    def started(self, plant: Plant, design: Design, start: Box, effort: int) -> Design:
+        """The design with bounds of the error for all time from these initial errors, where it has such bounds. May
+        load a solver, as `synthesize`."""
+        return design
 
     def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:
         """How this observer's estimate is kept where the slopes hold, from initial errors in `start` (None: any)."""

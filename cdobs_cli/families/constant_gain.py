@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from cdobs_cli.design import Design
     from cdobs_cli.exact.numbers import ExactMatrix
     from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, NoiseMaps, PlantView
-    from cdobs_cli.plant import Plant
+    from cdobs_cli.plant import Box, Plant
     from cdobs_cli.run import SimulationPlan
 
 
@@ -43,6 +43,7 @@ class ConstantGain(Family):
     error_source: ClassVar[str]
     rate_share: ClassVar[float] = 0.0
     with_rates: ClassVar[bool] = False
+    bounds_errors: ClassVar[bool] = True
 
     @abstractmethod
     def error_maps(self, view: PlantView[Any]) -> ErrorMaps[Any]:
@@ -147,6 +148,16 @@ class ConstantGain(Family):
         from cdobs_cli.certify.judge import levels
 
         return tuple(level.bounds for level in levels(self, plant, design))
+
+    def noisy_transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
+        from cdobs_cli.certify.judge import noisy_transients
+
+        return noisy_transients(self, plant, design) if plant.domain else ()
+
+    def started(self, plant: Plant, design: Design, start: Box, effort: int) -> Design:
+        from cdobs_cli.certify.design import started
+
+        return started(self, plant, design, start, effort)
 
     def envelope(self, plant: Plant, design: Design, check: Check) -> Mapping[str, Any] | None:
         from cdobs_cli.certify.judge import envelope

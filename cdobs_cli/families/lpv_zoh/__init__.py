@@ -131,7 +131,8 @@ class LpvZeroOrderHold(ConstantGain):
     def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:
         from cdobs_cli.bounds.estimate import confine
 
-        return confine(plant, self.saturate, self.transients(plant, design), start)
+        transients = (*self.noisy_transients(plant, design), *self.transients(plant, design))
+        return confine(plant, self.saturate, transients, start)
 
     def exhibits(self, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
         from cdobs_cli.families.lpv_zoh.exhibits import exhibits

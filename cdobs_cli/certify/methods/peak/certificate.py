@@ -13,19 +13,20 @@ from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
 from cdobs_cli.certify.methods.clock.certificate import is_small
 from cdobs_cli.certify.methods.peak.chain import Chain
-from cdobs_cli.certify.methods.peak.signals import exact_signals, is_bounded
+from cdobs_cli.certify.methods.peak.signals import exact_signals
 from cdobs_cli.certify.methods.peak.start import first_vertices
 from cdobs_cli.certify.methods.peak.state import (
     before_first_sample,
+    holds_from,
     number_of,
     quantity_of,
+    since,
     start_box,
     start_texts,
     unit,
 )
 from cdobs_cli.codec import OPTIONAL
-from cdobs_cli.plant import Plant
-
+from cdobs_cli.plant import Box, Plant
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,7 @@ class Peak(Method):
     @classmethod
     def applies(cls, question: Question) -> bool:
         law, inclusion = question.law, question.inclusion
-        if inclusion.assemble_noise is None or not is_bounded(question.plant) or not is_small(inclusion):
+        if inclusion.assemble_noise is None or not question.plant.has_bounded_signals or not is_small(inclusion):
             return False
         return law.is_bounded and law.T_min.sign() == 1
 
@@ -86,6 +87,12 @@ class Peak(Method):
     def quantity(self, plant: Plant) -> str:
         """The name of the bound."""
         return quantity_of(self.state, self.start, plant)
+
+    def since(self, plant: Plant) -> str:
+        return since(self.start, plant)
+
+    def holds_from(self, start: Box) -> bool:
+        return holds_from(self.start, start)
 
     def certificate(self, gain: Any = None) -> Certificate:
         written = super().certificate(gain)

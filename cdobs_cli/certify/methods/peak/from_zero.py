@@ -53,9 +53,17 @@ from cdobs_cli.certify.methods.clock.form import (
 )
 from cdobs_cli.certify.methods.peak.chain import diagonal, is_well_cut, scalars, weighted
 from cdobs_cli.certify.methods.peak.form import flow_block, offset_target_block
-from cdobs_cli.certify.methods.peak.signals import Signals, exact_signals, is_bounded
+from cdobs_cli.certify.methods.peak.signals import Signals, exact_signals
 from cdobs_cli.certify.methods.peak.start import first_vertices
-from cdobs_cli.certify.methods.peak.state import before_first_sample, number_of, quantity_of, start_box, start_texts
+from cdobs_cli.certify.methods.peak.state import (
+    before_first_sample,
+    holds_from,
+    number_of,
+    quantity_of,
+    since,
+    start_box,
+    start_texts,
+)
 from cdobs_cli.certify.texts import rate_of, rationals, symmetric_from_upper
 from cdobs_cli.codec import OPTIONAL
 from cdobs_cli.exact.matrix import Matrix, block
@@ -99,7 +107,7 @@ class PeakFromZero(Method):
     @classmethod
     def applies(cls, question: Question) -> bool:
         law, inclusion = question.law, question.inclusion
-        if inclusion.assemble_noise is None or not is_bounded(question.plant) or not is_small(inclusion):
+        if inclusion.assemble_noise is None or not question.plant.has_bounded_signals or not is_small(inclusion):
             return False
         return law.is_bounded and not law.is_periodic and not inclusion.outputs
 
@@ -140,6 +148,12 @@ class PeakFromZero(Method):
 
     def quantity(self, plant: Plant) -> str:
         return quantity_of(self.state, self.start, plant)
+
+    def since(self, plant: Plant) -> str:
+        return since(self.start, plant)
+
+    def holds_from(self, start: Box) -> bool:
+        return holds_from(self.start, start)
 
     def _prove(self, question: Question) -> Proof:
         law, shape, sigma = self.law, self.shape, Matrix.from_rows([[rate_of(self.sigma)]])[0, 0]
