@@ -36,12 +36,6 @@ class Box:
     lower: tuple[Exact, ...]
     upper: tuple[Exact, ...]
 
-    def contains(self, other: Box) -> bool:
-        """Whether every vector of the other is one of this, for certain."""
-        below = zip(self.lower, other.lower, strict=True)
-        above = zip(other.upper, self.upper, strict=True)
-        return all(a.is_at_most(b) for a, b in (*below, *above))
-
 
 @dataclass(frozen=True)
 class Input:
@@ -233,6 +227,12 @@ class Plant:
     def functions(self) -> tuple[Expression, ...]:
         """What must have a value all over the domain: phi, and h where it is known."""
         return (*self.phi, *(self.h or ()))
+
+    @property
+    def has_bounded_signals(self) -> bool:
+        """Whether disturbance or noise is declared, and all that is declared is bounded."""
+        declared = self.disturbance is not None or self.noise is not None
+        return declared and self.intensity is None and self.covariance is None
 
     @property
     def output_quantities(self) -> tuple[Quantity, ...]:

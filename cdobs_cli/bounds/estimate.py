@@ -173,6 +173,7 @@ def _judge(plant: Plant, confinement: Confinement, transients: Sequence[Transien
 
 
 def _stays_within(plant: Plant, confinement: Confinement, transients: Sequence[Transient]) -> bool:
+    """Whether one of the transients from the initial errors of a margin does not pass it, and slopes hold within it."""
     if set(confinement.margin) != set(plant.states) or len(confinement.start) != plant.n:
         return False
     margin = [Exact(confinement.margin[name]).ball() for name in plant.states]

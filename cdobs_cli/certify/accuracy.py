@@ -3,7 +3,7 @@ either kind, of its largest value (`error.<state>`) and of its mean square (`rms
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from flint import arb
@@ -11,6 +11,7 @@ from flint import arb
 from cdobs_cli.certificate import ERROR_BOUNDED, Bound, Claim, status_of
 from cdobs_cli.certify.adversary import attained
 from cdobs_cli.certify.gains import Merit
+from cdobs_cli.certify.levels import Level
 from cdobs_cli.certify.methods.base import Method, Proof, Question, Reach
 from cdobs_cli.certify.methods.mean_square.aim import scales
 from cdobs_cli.certify.methods.mean_square.average import Average
@@ -25,6 +26,7 @@ from cdobs_cli.plant import Box, Plant
 REACHES: tuple[Reach, ...] = ("error bound", "mean square")
 # By the question: of each name one is kept, that of the least bound.
 METHODS: tuple[type[Method], ...] = (Peak, PeakFromZero, Average, EveryTime)
+Transient = Callable[[Box], tuple[arb, ...]]
 _DIGITS = 6
 _ABOUT = "this gain under its law"
 
@@ -51,23 +53,6 @@ def sized(question: Question) -> list[Sized]:
         if error is not None and (name not in least or error < least[name].error):
             least[name] = Sized(name, error, proposal)
     return list(least.values())
-
-
-def bounds_by_start(question: Question, items: Iterable[Item]) -> list[tuple[Box, tuple[arb, ...]]]:
-    """The initial errors that bounds of every state are proved for, with these bounds, for laws that hold the
-    question's."""
-    plant = question.plant
-    made: dict[Box, dict[str, arb]] = {}
-    for item in items:
-        start = item.method.started_from(plant)
-        if start is None or item.proof.error is None or not item.method.covers.contains(question.law):
-            continue
-        name = item.method.quantity(plant)
-        known = made.setdefault(start, {})
-        known[name] = item.proof.error.min(known[name]) if name in known else item.proof.error
-    names = [f"error_transient.{state}" for state in plant.states]
-    whole = ((start, known) for start, known in made.items() if known.keys() >= set(names))
-    return [(start, tuple(known[name] for name in names)) for start, known in whole]
 
 
 def merit(weights: Sequence[float] | None) -> Merit:
@@ -119,7 +104,8 @@ def accuracy(question: Question, items: Iterable[Item]) -> tuple[list[Claim], di
         best = min(proved, key=_size, default=None)
         claims.append(_claim(name, best or named[0], question))
         if best is not None:
-            bounds[name] = Bound(upper_text(_error(best), _DIGITS), None, "", best.method.rung, _ABOUT, "less")
+            about = ", ".join(filter(None, (_ABOUT, best.method.since(plant))))
+            bounds[name] = Bound(upper_text(_error(best), _DIGITS), None, "", best.method.rung, about, "less")
     if is_bounded(plant) and is_white(plant):
         claims = [
             replace(claim, statement=f"Of what bounded or white signals do alone: {claim.statement}")
@@ -171,6 +157,31 @@ def _reached(question: Question) -> tuple[list[Claim], dict[str, str]]:
     return claims, ends
 
 
+def transients(question: Question, items: Iterable[Item], levels: Sequence[Level]) -> list[Transient]:
+    """From a box of errors before the first sample to upper ends of |e_j(t)| for all t after it, under the declared
+    disturbance and noise.
+
+    Of each state the least of: what is proved for all time from a box that holds this one; and, by superposition (the
+    error system is linear under each V), the error without disturbance and noise plus the error from e = 0 under them.
+    A bound of the latter in the long run is one at all times: before t = 0 it may be thought to have been 0 for ever.
+    """
+    proved = [item for item in items if item.proof.error is not None and item.method.covers.contains(question.law)]
+    known: dict[str, list[Item]] = {}
+    for item in proved:
+        known.setdefault(item.method.quantity(question.plant), []).append(item)
+
+    def bounds(start: Box) -> tuple[arb, ...]:
+        free, least = [level.bounds(start) for level in levels], []
+        for i, state in enumerate(question.plant.states):
+            from_start = [item for item in known.get(f"error_transient.{state}", ()) if item.method.holds_from(start)]
+            ends = [_error(item) for item in from_start]
+            ends += [_error(item) + level[i] for item in known.get(f"error.{state}", ()) for level in free]
+            least.append(min((end.upper() for end in ends), key=float, default=arb.pos_inf()))
+        return tuple(least)
+
+    return [bounds] if proved else []
+
+
 def _error(item: Item) -> arb:
     assert item.proof.error is not None
     return item.proof.error
@@ -182,9 +193,9 @@ def _size(item: Item) -> float:
 
 def _claim(name: str, item: Item, question: Question) -> Claim:
     method, proof = item.method, item.proof
-    statement = f"{method.statement}, sampling {method.covers.words}."
-    if proof.error is not None:
-        statement = f"{_left(name)} <= {upper_text(proof.error, _DIGITS)}, sampling {method.covers.words}."
+    told = method.statement if proof.error is None else f"{_left(name)} <= {upper_text(proof.error, _DIGITS)}"
+    since = method.since(question.plant)
+    statement = f"{told}{f' {since}' if since else ''}, sampling {method.covers.words}."
     return Claim(name, "certificate", status_of(proof.holds), statement, method.source, method=method.how)
 
 

@@ -2,14 +2,15 @@
 
 To make z'e large at one time: with the costate p (z at that time, p = A(V)'p backwards along the flow, J'p at samples)
 of the slopes V tried before, run forwards again and take at every slot the corner that makes p'e largest at its end, d
-and v by the signs of p'B and p'G. The old costate prices every change exactly, so no sweep lowers z'e. Many starts,
-target times and words of periods go side by side. What comes out is only proposed: `adversary.prove` decides.
+and v by the signs of p'B and p'G. The old costate prices every change exactly. Words are repeated for ever: errors
+start, and costates end, with those of the periodic solution of the sweep before. Many starts, target times and words
+of periods go side by side. What comes out is only proposed: `adversary.prove` decides.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -51,10 +52,14 @@ def propose(inclusion: HybridInclusion, state: int, effort: int) -> Iterator[Noi
             yield search.word(policy, state)
 
 
+_Affine = tuple[Any, Any]  # (R, N, N), (R, N)
+
+
 @dataclass
 class _Policies:
     """Many words side by side: letters (R, K) of periods, corners (R, K, S) of the flow, jumps (R, K), the slot of the
-    last period at which z'e counts (R,), its sign, and what it comes to."""
+    last period at which z'e counts (R,), its sign, which ends d (R, K, S, n) and v (R, K, p) take, the error at the
+    seam of the periodic solution (R, N), the costate there, and what z'e comes to on it."""
 
     letters: Any
     corners: Any
@@ -63,11 +68,18 @@ class _Policies:
     sign: Array
     d: Any
     v: Any
+    e: Array
+    p: Array
     value: Array
 
     def take(self, rows: Any) -> _Policies:
         """Some of them."""
         return _Policies(*(part[rows] for part in vars(self).values()))
+
+    def where(self, chosen: Any, others: _Policies) -> _Policies:
+        """The others where chosen, (R,)."""
+        pairs = zip(vars(self).values(), vars(others).values(), strict=True)
+        return _Policies(*(np.where(chosen.reshape(-1, *[1] * (a.ndim - 1)), b, a) for a, b in pairs))
 
 
 class _Search:
@@ -146,7 +158,8 @@ class _Search:
         zero = np.zeros((R, K), dtype=int)
         return _Policies(
             word, corner, zero, target, sign, np.zeros((R, K, S, self.n), dtype=bool),
-            np.zeros((R, K, self.G.shape[1]), dtype=bool), np.full(R, -np.inf),
+            np.zeros((R, K, self.G.shape[1]), dtype=bool), np.zeros((R, self.N)), np.zeros((R, self.N)),
+            np.full(R, -np.inf),
         )  # fmt: skip
 
     @property
@@ -165,18 +178,21 @@ class _Search:
         return flipped
 
     def _swept(self, policies: _Policies, state: int, sweeps: int) -> _Policies:
+        """Each word the best of its sweeps."""
+        best = policies
         for _ in range(sweeps):
-            before = policies.value
             policies = self._sweep(policies, self._costates(policies, state), state)
-            if np.all(policies.value <= before * (1 + 1e-6)):
+            better = policies.value > best.value + 1e-6 * np.abs(policies.value)
+            if not better.any():
                 break
-        return policies
+            best = best.where(better, policies)
+        return best
 
     def _costates(self, policies: _Policies, state: int) -> tuple[Array, Array]:
         """p at the end of every slot (R, K, S, N), and just after every sample (R, K, N)."""
         R, K, S = policies.corners.shape
         at_slots, at_samples = np.zeros((R, K, S, self.N)), np.zeros((R, K, self.N))
-        p = np.zeros((R, self.N))
+        p = policies.p.copy()
         for k in range(K - 1, -1, -1):
             at_samples[:, k] = p
             p = np.einsum("rji,rj->ri", self.J[policies.jumps[:, k]], p)
@@ -190,33 +206,48 @@ class _Search:
         return at_slots, at_samples
 
     def _sweep(self, policies: _Policies, costates: tuple[Array, Array], state: int) -> _Policies:
-        """Forwards from e = 0, every choice the best by the costate at its end."""
+        """Forwards from the seam, every choice the best by the costate at its end."""
         at_slots, at_samples = costates
         R, K, S = policies.corners.shape
         corners, jumps = np.zeros_like(policies.corners), np.zeros_like(policies.jumps)
         d, v = np.zeros_like(policies.d), np.zeros_like(policies.v)
-        e, value, rows = np.zeros((R, self.N)), np.zeros(R), np.arange(R)
-        lower, upper = self.d_ends
+        # Affine maps of the error at the seam: its matrix, and what acts on it since.
+        now = np.broadcast_to(np.eye(self.N), (R, self.N, self.N)), np.zeros((R, self.N))
+        there, rows, (lower, upper) = now, np.arange(R), self.d_ends
         for k in range(K):
             E, F = self.E[policies.letters[:, k]], self.F[policies.letters[:, k]]  # (R, C, N, N), (R, C, N, n)
-            if k == K - 1:
-                value = np.where(policies.target == 0, e[:, state], value)
+            there = now if k == K - 1 else there
             for s in range(S):
-                p = at_slots[:, k, s]
+                p, e = at_slots[:, k, s], _at(now, policies.e)
                 gain = np.einsum("rj,rcjn->rcn", p, F)
                 fed = np.where(gain > 0, upper, lower)
                 worth = np.einsum("rj,rcji,ri->rc", p, E, e) + np.einsum("rcn,rcn->rc", gain, fed)
                 best = worth.argmax(axis=1)
                 corners[:, k, s], d[:, k, s] = best, gain[rows, best] > 0
-                e = np.einsum("rij,rj->ri", E[rows, best], e) + np.einsum("rin,rn->ri", F[rows, best], fed[rows, best])
+                push = np.einsum("rin,rn->ri", F[rows, best], fed[rows, best])
+                now = E[rows, best] @ now[0], _at((E[rows, best], push), now[1])
                 if k == K - 1:
-                    value = np.where(policies.target == s + 1, e[:, state], value)
-            p = at_samples[:, k]
+                    met = policies.target == s + 1
+                    there = np.where(met[:, None, None], now[0], there[0]), np.where(met[:, None], now[1], there[1])
+            p, e = at_samples[:, k], _at(now, policies.e)
             best = np.einsum("rj,wji,ri->rw", p, self.J, e).argmax(axis=1)
             kick = p @ self.G > 0
             jumps[:, k], v[:, k] = best, kick
-            e = np.einsum("rij,rj->ri", self.J[best], e) + np.where(kick, self.v_ends[1], self.v_ends[0]) @ self.G.T
-        return _Policies(policies.letters, corners, jumps, policies.target, policies.sign, d, v, value * policies.sign)
+            push = np.where(kick, self.v_ends[1], self.v_ends[0]) @ self.G.T
+            now = self.J[best] @ now[0], _at((self.J[best], push), now[1])
+        return self._repeated(replace(policies, corners=corners, jumps=jumps, d=d, v=v), state, now, there)
+
+    def _repeated(self, policies: _Policies, state: int, word: _Affine, there: _Affine) -> _Policies:
+        """The periodic solution e = M e + c at the seam, the costate alike, and z'e on it."""
+        fixed = np.eye(self.N) - word[0]
+        z = there[0][:, state] * policies.sign[:, None]
+        try:
+            e = np.linalg.solve(fixed, word[1][..., None])[..., 0]
+            p = np.linalg.solve(fixed.transpose(0, 2, 1), z[..., None])[..., 0]
+        except np.linalg.LinAlgError:
+            return replace(policies, value=np.full(len(policies.value), -np.inf))
+        value = policies.sign * _at(there, e)[:, state]
+        return replace(policies, e=e, p=p, value=np.where(np.isfinite(value), value, -np.inf))
 
     def word(self, policy: _Policies, state: int) -> NoisyWord:
         """In exact numbers: slots of the same slopes and disturbance are one arc."""
@@ -248,6 +279,12 @@ class _Search:
         """Whether slot s goes on as slot s - 1."""
         one, other = policy.corners[0, k, s], policy.corners[0, k, s - 1]
         return bool(one == other and np.array_equal(policy.d[0, k, s], policy.d[0, k, s - 1]))
+
+
+def _at(affine: _Affine, e: Array) -> Array:
+    """M e + c of each."""
+    image: Array = np.einsum("rij,rj->ri", affine[0], e) + affine[1]
+    return image
 
 
 def _periods(inclusion: HybridInclusion) -> list[Exact]:

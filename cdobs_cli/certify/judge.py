@@ -7,10 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from functools import partial
 from typing import Any, ClassVar, Protocol
-
-from flint import arb
 
 from cdobs_cli.certificate import CONVERGENCE, Bound, Certificate, Check, Claim, Status, Witness
 from cdobs_cli.certify import accuracy
@@ -24,7 +21,7 @@ from cdobs_cli.certify.unseen import Unseen, unseen
 from cdobs_cli.design import Design
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text, lower_text, text_below, upper_text
-from cdobs_cli.plant import Box, Plant
+from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
 
 _UNSEEN = "unseen direction"
@@ -370,18 +367,15 @@ def levels(card: Card, plant: Plant, design: Design) -> list[Level]:
     return [level for level in met if level is not None]
 
 
-def noisy_transients(card: Card, plant: Plant, design: Design) -> list[Callable[[Box], tuple[arb, ...]]]:
-    """From initial errors to upper ends of |e_j(t)| for all time under the declared disturbance and noise, of the
-    certificates that were made for these errors or larger ones; infinite for others."""
-    question = card.question(replace(plant, sampling=design.sampling), design.gain, 0)
-    judged = _judged(card, question, design.certificates, lambda method: method.started_from(plant) is not None)
-    items = [item for item in judged if item.own and item.proof.holds]
-    starts = accuracy.bounds_by_start(question, (accuracy.Item(item.method, item.proof) for item in items))
-
-    def bounds(start: Box, held: Box, ends: tuple[arb, ...]) -> tuple[arb, ...]:
-        return ends if held.contains(start) else (arb("inf"),) * plant.n
-
-    return [partial(bounds, held=held, ends=ends) for held, ends in starts]
+def noisy_transients(card: Card, plant: Plant, design: Design) -> list[accuracy.Transient]:
+    """How large the error becomes on the way under the declared disturbance and noise, where these are bounded."""
+    if not plant.has_bounded_signals:
+        return []
+    question, covering = _covering(card, plant, design)
+    judged = _judged(card, question, design.certificates, lambda method: method.reach == "error bound")
+    sized = [accuracy.Item(item.method, item.proof) for item in judged if item.own]
+    met = (item.method.level(question) for item in covering)
+    return accuracy.transients(question, sized, [level for level in met if level is not None])
 
 
 def envelope(card: Card, plant: Plant, design: Design) -> dict[str, float] | None:

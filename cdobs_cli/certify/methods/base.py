@@ -199,9 +199,13 @@ class Method(ABC):
         """The name of the bound that a proof's `error` is, `error.<state>`, for methods that have one."""
         raise NotImplementedError(self.name)
 
-    def started_from(self, plant: Plant) -> Box | None:
-        """The errors before the first sample that a bound for all time is for; None for every other bound."""
-        return None
+    def since(self, plant: Plant) -> str:
+        """From which errors on such a bound holds, `from e_x(0) in [-1, 1]`; empty where in the long run."""
+        return ""
+
+    def holds_from(self, start: Box) -> bool:
+        """Whether such a bound holds for all time from every error of this box before the first sample."""
+        return False
 
     def level(self, question: Question) -> Level | None:
         """The level sets of its function, proved again; None where it has none."""

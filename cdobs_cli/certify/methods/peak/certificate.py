@@ -17,8 +17,10 @@ from cdobs_cli.certify.methods.peak.signals import exact_signals, is_bounded
 from cdobs_cli.certify.methods.peak.start import first_vertices
 from cdobs_cli.certify.methods.peak.state import (
     before_first_sample,
+    holds_from,
     number_of,
     quantity_of,
+    since,
     start_box,
     start_texts,
     unit,
@@ -83,12 +85,15 @@ class Peak(Method):
         error = largest.sqrt()
         return Proof(True, error=error if start is None else error.max(before_first_sample(start, i)))
 
-    def started_from(self, plant: Plant) -> Box | None:
-        return start_box(self.start, plant)
-
     def quantity(self, plant: Plant) -> str:
         """The name of the bound."""
         return quantity_of(self.state, self.start, plant)
+
+    def since(self, plant: Plant) -> str:
+        return since(self.start, plant)
+
+    def holds_from(self, start: Box) -> bool:
+        return holds_from(self.start, start)
 
     def certificate(self, gain: Any = None) -> Certificate:
         written = super().certificate(gain)

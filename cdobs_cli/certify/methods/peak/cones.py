@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
 
 _ITERATIONS = 80
-_TOLERANCE = 1e-9
+_TOLERANCE = 1e-8
 
 
 class Svec:

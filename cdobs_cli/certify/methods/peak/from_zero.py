@@ -55,7 +55,15 @@ from cdobs_cli.certify.methods.peak.chain import diagonal, is_well_cut, scalars,
 from cdobs_cli.certify.methods.peak.form import flow_block, offset_target_block
 from cdobs_cli.certify.methods.peak.signals import Signals, exact_signals, is_bounded
 from cdobs_cli.certify.methods.peak.start import first_vertices
-from cdobs_cli.certify.methods.peak.state import before_first_sample, number_of, quantity_of, start_box, start_texts
+from cdobs_cli.certify.methods.peak.state import (
+    before_first_sample,
+    holds_from,
+    number_of,
+    quantity_of,
+    since,
+    start_box,
+    start_texts,
+)
 from cdobs_cli.certify.texts import rate_of, rationals, symmetric_from_upper
 from cdobs_cli.codec import OPTIONAL
 from cdobs_cli.exact.matrix import Matrix, block
@@ -139,11 +147,14 @@ class PeakFromZero(Method):
     def shape(self) -> Shape:
         return Shape(int(self.degree), int(self.elevated), int(self.pieces[0]), int(self.pieces[1]))
 
-    def started_from(self, plant: Plant) -> Box | None:
-        return start_box(self.start, plant)
-
     def quantity(self, plant: Plant) -> str:
         return quantity_of(self.state, self.start, plant)
+
+    def since(self, plant: Plant) -> str:
+        return since(self.start, plant)
+
+    def holds_from(self, start: Box) -> bool:
+        return holds_from(self.start, start)
 
     def _prove(self, question: Question) -> Proof:
         law, shape, sigma = self.law, self.shape, Matrix.from_rows([[rate_of(self.sigma)]])[0, 0]

@@ -32,7 +32,7 @@ _SLOW = ((0.05, (2, 3, 1)), (0.15, (3, 4, 1)), (0.35, (4, 5, 2)))
 _DEGREE, _ELEVATED = 4, 5
 _PIECES = (2, 4, 4, 6)  # of an interval, by effort
 _MOST = (300, 800, 3000, 6000)  # unknowns, by effort: of larger plants the intervals have fewer pieces
-_LAGS = (3, 6, 10, 16)  # at most, by effort
+_LAGS = (3, 10, 16, 24)  # at most, by effort
 _FEWEST = 3
 _MEMORY = 3.0  # time constants that the lags go back
 _SHARES = (0.3, 0.55, 0.8)  # of the way from the radius to 1, for rho of the tail
@@ -151,9 +151,10 @@ class _Scaled:
 
     @cached_property
     def lags(self) -> int:
-        """So many that their intervals span some time constants, within the effort."""
+        """So many that their intervals span some time constants, within effort and size."""
+        N, level = len(self.scale), self.question.level
         wanted = int(np.ceil(_MEMORY / -np.log(max(self.sized.radius, 1e-6))))
-        return max(_FEWEST, min(wanted, _LAGS[self.question.level]))
+        return max(_FEWEST, min(wanted, _LAGS[level], _MOST[level] // ((2 * _DEGREE + 1) * (N * (N + 1) // 2)) - 1))
 
     def _rhos(self) -> Iterator[Fraction]:
         left = 1 - self.sized.radius

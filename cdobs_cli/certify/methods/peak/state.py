@@ -45,6 +45,22 @@ def start_box(texts: list[list[str]] | None, plant: Plant) -> Box | None:
     return Box(tuple(low for low, _ in ends), tuple(high for _, high in ends))
 
 
+def since(texts: list[list[str]] | None, plant: Plant) -> str:
+    """`from e_x(0) in [-1, 1], e_v(0) in [0, 0]`."""
+    if texts is None:
+        return ""
+    ends = zip(plant.states, texts, strict=True)
+    return "from " + ", ".join(f"e_{name}(0) in [{low}, {high}]" for name, (low, high) in ends)
+
+
+def holds_from(texts: list[list[str]] | None, start: Box) -> bool:
+    """Whether the box of these texts holds another one."""
+    if texts is None or len(texts) != len(start.lower):
+        return False
+    ends = zip(texts, start.lower, start.upper, strict=True)
+    return all(Exact(low).is_at_most(below) and above.is_at_most(Exact(high)) for (low, high), below, above in ends)
+
+
 def before_first_sample(start: Box, i: int) -> arb:
     """max |e_i| before the first sample."""
     return abs(start.lower[i].ball()).max(abs(start.upper[i].ball()))
