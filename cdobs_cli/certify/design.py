@@ -160,7 +160,9 @@ class _Synthesis:
         """The gain of least error under what is declared, else the one that amplifies noise least."""
         if not self.plant.is_perturbed:
             return way.quietest(question)
-        return way.least_error(question, accuracy.merit(self._weights), self._weights)
+        # White signals have their least mean square by a convex search; of bounded ones a gain near by is better.
+        closer = question.level > 0 and self.plant.has_bounded_signals
+        return way.least_error(question, accuracy.merit(self._weights) if closer else None, self._weights)
 
     @property
     def _weights(self) -> tuple[float, ...] | None:

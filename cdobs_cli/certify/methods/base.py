@@ -163,6 +163,12 @@ class Method(ABC):
     def propose(cls, question: Question) -> Self | None:
         """A certificate for the question's gain, law and rate that is proved already; None where none was found."""
 
+    @classmethod
+    def error_guess(cls, question: Question) -> float | None:
+        """About what `propose` would prove of the error, by the solver alone; None where it finds nothing. A search's
+        compass."""
+        return None
+
     @abstractmethod
     def _prove(self, question: Question) -> Proof:
         """`prove` under the method's own law. Raises anything of UNREADABLE on data that nobody wrote."""

@@ -31,7 +31,7 @@ _RATE_DIGITS = 6
 _PARTS = (Fraction(1), Fraction(99, 100), Fraction(9, 10))  # of the rate kept, where less is left by rounding
 _SLOW = 50  # periods in which the error falls to 1 % at least, where no disturbance keeps a gain from vanishing
 _STEP = 0.05  # of a gain's entries
-_VALUES = 15  # of the merit, for each entry
+_VALUES = 10  # of the merit, for each entry
 
 
 def capped_rate(question: Question) -> Fraction:

@@ -67,6 +67,12 @@ class Peak(Method):
         proposal = cls(question.law, str(question.state), chains, start_texts(question.start))
         return proposal if proposal.prove(question).holds else None
 
+    @classmethod
+    def error_guess(cls, question: Question) -> float | None:
+        from cdobs_cli.certify.methods.peak.proposal import guess_of
+
+        return None if question.state is None or not cls.applies(question) else guess_of(question, question.state)
+
     def _prove(self, question: Question) -> Proof:
         inclusion = question.inclusion
         if not self.applies(question) or not _covers([chain.shares for chain in self.chains]):

@@ -73,6 +73,7 @@ from cdobs_cli.plant import Box, Plant
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
+    from cdobs_cli.certify.methods.peak.from_zero_search import Found
 
 _DIGITS = 13
 _WIDE = 2.5  # T_max over T_min from which on this method is asked
@@ -120,20 +121,7 @@ class PeakFromZero(Method):
             return None
         if float(law.T_min) * _WIDE > float(law.T_max):
             return None
-        from cdobs_cli.certify.methods.peak.from_zero_search import proposals
-
-        S = split_basis(question.inclusion)
-        split = None if S is None else _split(question, Matrix.from_rows(S))
-        if S is None or split is None:
-            return None
-        first: Array | None = None
-        if question.start is not None:
-            vertices = split.first_vertices(question.start)
-            if vertices is None:
-                return None
-            first = np.array([x.floats[:, 0] for x in vertices])
-        texts = [[fraction_text(value) for value in row] for row in S]
-        for found in proposals(question, question.state, np.array(S, dtype=float), first):
+        for found, texts in cls._met(question, question.state):
             shape, sigma = found.shape, decimal_text(found.sigma, _DIGITS)
             cut = (str(shape.d), str(shape.D), [str(shape.before), str(shape.after)])
             proposal = cls(
@@ -142,6 +130,30 @@ class PeakFromZero(Method):
             if proposal.prove(question).holds:
                 return proposal
         return None
+
+    @classmethod
+    def error_guess(cls, question: Question) -> float | None:
+        if question.state is None or not cls.applies(question):
+            return None
+        return next((found.error for found, _ in cls._met(question, question.state)), None)
+
+    @classmethod
+    def _met(cls, question: Question, i: int) -> Iterator[tuple[Found, list[list[str]]]]:
+        """What the solver finds, nothing of it proved, with the basis that it is in."""
+        from cdobs_cli.certify.methods.peak.from_zero_search import proposals
+
+        S = split_basis(question.inclusion)
+        split = None if S is None else _split(question, Matrix.from_rows(S))
+        if S is None or split is None:
+            return
+        first: Array | None = None
+        if question.start is not None:
+            vertices = split.first_vertices(question.start)
+            if vertices is None:
+                return
+            first = np.array([x.floats[:, 0] for x in vertices])
+        texts = [[fraction_text(value) for value in row] for row in S]
+        yield from ((found, texts) for found in proposals(question, i, np.array(S, dtype=float), first))
 
     @cached_property
     def shape(self) -> Shape:

@@ -37,8 +37,9 @@ _SHORT = 1 / 16  # of T_max: a period that stands for those near 0
 
 @dataclass(frozen=True)
 class Found:
-    """A bound in texts, in the user's units."""
+    """A bound in texts, in the user's units. error: b, as the solver says it."""
 
+    error: float
     shape: Shape
     sigma: float
     P: list[list[list[str]]]
@@ -261,7 +262,8 @@ class _Search:
         weights = x[mu:nu].reshape(self.shape.pieces, self._q) * size**2 / u0**2 / T
         offsets = x[nu:c] * size**2 / signals[1] ** 2 if len(self.g) else x[nu:c]
         return Found(
-            self.shape, sigma / T, [upper_texts(one * size**2 * back * back[:, None], _DIGITS) for one in P],
+            float(np.sqrt(max(self.bound(x, sigma), 0.0))) * size, self.shape, sigma / T,
+            [upper_texts(one * size**2 * back * back[:, None], _DIGITS) for one in P],
             [[decimal_text(float(value), _DIGITS) for value in piece] for piece in weights],
             [decimal_text(float(value), _DIGITS) for value in offsets],
         )  # fmt: skip

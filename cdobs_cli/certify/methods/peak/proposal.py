@@ -59,6 +59,12 @@ def chains_of(question: Question, i: int) -> list[Chain] | None:
     return chains
 
 
+def guess_of(question: Question, i: int) -> float | None:
+    """What the solver says of the error of state i with one window: nothing is proved."""
+    scaled = _Scaled.of(question, i)
+    return None if scaled is None else scaled.guess()
+
+
 def _windows(question: Question, i: int) -> list[tuple[Fraction, Fraction]]:
     """All of [0, 1], in parts where a sample does not change the error: then the worst time lies between samples."""
     maps, noise = question.inclusion.floats, question.inclusion.noise_floats
@@ -123,6 +129,17 @@ class _Scaled:
                     self.question.memory["peak rho"] = rho
                     return chain
         return None
+
+    def guess(self) -> float | None:
+        """The least b met, of the value of rho kept or those tried."""
+        known = self.question.memory.get("peak rho")
+        search = self._search((Fraction(0), Fraction(1)), _ROOM[0])
+        met = [(search.least(self._z, float(rho)), rho) for rho in ([known] if known else self._rhos())]
+        found = [(guess.bound_squared, rho) for guess, rho in met if guess is not None]
+        if not found:
+            return None
+        squared, self.question.memory["peak rho"] = min(found)
+        return float(np.sqrt(max(squared, 0.0)) * self.scale[self.i])
 
     def _proved(self, window: tuple[Fraction, Fraction], guess: Found, rho: Fraction) -> Chain | None:
         question, maps = self.question, self.question.inclusion.balls
