@@ -61,26 +61,48 @@ def kalman(A: Any, C: Any, Q: Any, R: Any, T: float) -> tuple[Any, float, Any]:
     Phi, spread = drifted(A, Q, T)
     before = solve_discrete_are(Phi.T, C.T, spread, R)
     K = before @ C.T @ np.linalg.inv(C @ before @ C.T + R)
-    return K, *moments(A, C, Q, R, T, K)
+    return K, *moments(A, np.eye(len(A)) - K @ C, K, np.eye(len(A)), Q, R, T, len(A))
 
 
-def moments(A: Any, C: Any, Q: Any, R: Any, T: float, K: Any) -> tuple[float, Any]:
-    """Of the linear error with gain K: the time average of the trace of its covariance, largest variances over time."""
-    Phi, spread = drifted(A, Q, T)
-    J, after = np.eye(len(A)) - K @ C, np.zeros_like(A)
-    after = K @ R @ K.T + J @ spread @ J.T
-    M = J @ Phi
+def moments(A: Any, J: Any, G: Any, B: Any, Q: Any, R: Any, T: float, n: int) -> tuple[float, Any]:
+    """Of the linear error edot = A e + B d, e+ = J e + G v: the time average of the first n variances, and the largest
+    of each over time."""
+    Phi, spread = drifted(A, B @ Q @ B.T, T)
+    after, M = G @ R @ G.T + J @ spread @ J.T, J @ Phi
     for _ in range(40):
         after, M = after + M @ after @ M.T, M @ M
     points, weights = np.polynomial.legendre.leggauss(14)
 
     def at(s: float) -> Any:
-        step, added = drifted(A, Q, s)
-        return step @ after @ step.T + added
+        step, added = drifted(A, B @ Q @ B.T, s)
+        return np.diag(step @ after @ step.T + added)[:n]
 
-    average = sum(w / 2 * np.trace(at((x + 1) / 2 * T)) for x, w in zip(points, weights, strict=True))
-    most = np.max([np.diag(at(s)) for s in np.linspace(0, T, 41)], axis=0)
+    average = sum(w / 2 * np.sum(at((x + 1) / 2 * T)) for x, w in zip(points, weights, strict=True))
+    most = np.max([at(s) for s in np.linspace(0, T, 41)], axis=0)
     return float(average), most
+
+
+def linear_moments(inclusion: HybridInclusion) -> tuple[float, Any]:
+    """`moments` of an inclusion without slopes that vary."""
+    maps, noise, plant = inclusion.floats, inclusion.noise_floats, inclusion.plant
+    R = np.zeros((plant.p, plant.p)) if plant.covariance is None else plant.covariance.floats
+    Q = np.zeros((plant.n, plant.n)) if plant.intensity is None else plant.intensity.floats
+    return moments(maps.base, maps.jump, noise.kick, noise.drive, Q, R, float(inclusion.sampling.T_max), plant.n)
+
+
+def texts(M: Any) -> list[list[str]]:
+    """An array as exact decimals."""
+    return [[str(float(value)) for value in row] for row in M]
+
+
+def random_plant(seed: int, n: int, p: int, T: str) -> tuple[Plant, Any, Any, Any, Any]:
+    """A linear plant with noise and disturbance in all directions, and A, C, Q, R."""
+    random = np.random.default_rng(seed)
+    A, C = np.round(0.7 * random.normal(size=(n, n)), 3), np.round(random.normal(size=(p, n)), 3)
+    G, H = random.normal(size=(n, n)), random.normal(size=(p, p))
+    Q, R = np.round(0.1 * G @ G.T + 0.05 * np.eye(n), 4), np.round(0.02 * H @ H.T + 0.01 * np.eye(p), 4)
+    zero = [[0] * n] * n
+    return white(plant(texts(A), zero, zero, texts(C), periodic(T)), texts(R), texts(Q)), A, C, Q, R
 
 
 def double_integrator(T: Any) -> Plant:

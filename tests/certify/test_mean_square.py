@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from example_inclusions import periodic
-from noisy_inclusions import Q, R, corrected, double_integrator, kalman, pendulum, white
+from example_inclusions import aperiodic, periodic, plant
+from noisy_inclusions import (
+    Q,
+    R,
+    bounded,
+    corrected,
+    double_integrator,
+    held_error,
+    kalman,
+    linear_moments,
+    pendulum,
+    random_plant,
+    white,
+)
+from test_output_slopes import seen_through
 
-from cdobs_cli.certify.methods.base import Question
-from cdobs_cli.certify.methods.clock.certificate import design_impulsive
-from cdobs_cli.certify.methods.clock.design import ImpulsiveGain
+from cdobs_cli.certificate import Certificate
+from cdobs_cli.certify.methods.base import Question, read
 from cdobs_cli.certify.methods.mean_square.average import Average
-from cdobs_cli.certify.methods.mean_square.design import fastest_rate
 from cdobs_cli.certify.methods.mean_square.every_time import EveryTime
+from cdobs_cli.certify.methods.mean_square.power import PowerGain
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 
 INTEGRATOR = np.array([[0.0, 1.0], [0.0, 0.0]])
+GAIN = [["0.8545"], ["1.1984"]]
 
 
 def average(inclusion, effort=1):
@@ -25,6 +39,17 @@ def average(inclusion, effort=1):
     method = Average.propose(question)
     assert method is not None
     return float(method.prove(question).error)
+
+
+def at_worst(inclusion, state, effort=1):
+    question = Question(inclusion, effort=effort, state=state)
+    method = EveryTime.propose(question)
+    assert method is not None and method.quantity(question.plant) == f"rms.x{state}"
+    return float(method.prove(question).error)
+
+
+def swinging(law="0.6", R=R, Q=Q, c=1, K=GAIN):
+    return corrected(white(pendulum(periodic(law), c), R, Q), K)
 
 
 # noise.md prints a polynomial's values, up to 4e-6 above the filter's own.
@@ -35,12 +60,109 @@ def test_without_slopes_the_average_is_that_of_the_kalman_filter(T, printed):
     K, best, worst = kalman(INTEGRATOR, np.array([[1.0, 0.0]]), np.diag([0, 2.5e-4]), np.array([[1e-4 / 3]]), float(T))
     assert best == pytest.approx(printed, rel=5e-6)
     about = corrected(double_integrator(T), ExactMatrix.from_floats(K, 8).rows)
-    bound = average(about) ** 2
-    assert 1 - 1e-9 <= bound / best <= 1 + 1e-5
-    question = Question(about)
-    for one in EveryTime.each(question):
-        at_worst = float(one.prove(question).error) ** 2 / worst[int(one.state)]
-        assert 1 - 1e-9 <= at_worst <= 1.08
+    assert 1 - 1e-9 <= average(about) ** 2 / best <= 1 + 1e-5
+    for state in (0, 1):
+        assert 1 - 1e-9 <= at_worst(about, state) ** 2 / worst[state] <= 1.06
+
+
+@pytest.mark.parametrize(("seed", "n", "p"), [(1, 2, 1), (2, 2, 2), (3, 3, 1), (4, 3, 2), (5, 4, 1), (6, 4, 2)])
+def test_random_linear_errors_have_the_moments_that_are_proved(seed, n, p):
+    made, A, C, Q, R = random_plant(seed, n, p, "0.2")
+    K, best, worst = kalman(A, C, Q, R, 0.2)
+    about = corrected(made, ExactMatrix.from_floats(K, 8).rows)
+    assert 1 - 1e-9 <= average(about, 2) ** 2 / best <= 1 + 1e-5
+    assert 1 - 1e-9 <= at_worst(about, n - 1) ** 2 / worst[n - 1] <= 1.45
+
+
+def test_a_held_linear_error_has_the_moments_that_are_proved():
+    about = held_error(double_integrator("0.3"), [["2.5"], ["3"]])
+    mean, worst = linear_moments(about)
+    assert 1 - 1e-9 <= average(about) ** 2 / mean <= 1 + 1e-5
+    for state in (0, 1):
+        assert 1 - 1e-9 <= at_worst(about, state) ** 2 / worst[state] <= 1.1
+
+
+def test_slopes_that_depend_on_the_error_are_counted():
+    """e1' = V e2 with |V| <= 1 from e ~ N(0, 2 I): a covariance that grows with each corner of the slopes says
+    E e1(1)^2 <= 4.13, and V = sign(e1 e2) gives 4 + 8/pi, rare shocks along (1, 1), (1, -1) up to 8."""
+    none = [[0, 0], [0, 0]]
+    free = white(plant(none, [[0, -1], [0, 0]], [[0, 1], [0, 0]], [[1, 0], [0, 1]], periodic(1)), [[2, 0], [0, 2]])
+    about = corrected(free, [[1, 0], [0, 1]])
+    assert 8 <= at_worst(about, 0, 2) ** 2 <= 8.01
+    # Over time: e1^2 is at most (|e1(0)| + tau |e2|)^2, 2 (1 + tau)^2 for the same shocks; e2^2 stays 2.
+    assert 2 * 7 / 3 + 2 <= average(about, 2) ** 2 <= 2 * 7 / 3 + 2.01
+
+
+def test_periods_that_depend_on_the_error_are_counted_in_the_average():
+    """e+ = v, then constant: longest after v != 0, which is rare, the average is R T_max / T_min."""
+    made = white(plant([[0]], [[0]], [[0]], [[1]], aperiodic("0.5", "1")), [[1]])
+    assert 2 <= average(corrected(made, [[1]])) ** 2 <= 2.0001
+    # At every time the periods must not depend on it: then it is R.
+    assert 1 <= at_worst(corrected(made, [[1]]), 0) ** 2 <= 1.0001
+    assert "do not depend on" in EveryTime.statement
+
+
+@pytest.mark.parametrize("law", [periodic("0.6"), aperiodic("0.2", "0.6")])
+def test_no_bang_bang_member_leaves_the_bounds(law):
+    """V = sign(e1 e2) and its mirror: the error's own feedback."""
+    about = corrected(white(pendulum(law), R, Q), GAIN)
+    random, h = np.random.default_rng(0), 0.01
+    rms, worst = average(about), [at_worst(about, state) for state in (0, 1)]
+    J, K = about.floats.jump, np.array([[0.8545], [1.1984]])
+    for sign in (1.0, -1.0):
+        e, sums, moments, steps = np.zeros((2, 800)), 0.0, np.zeros(2), 0
+        for k in range(60):
+            T = 0.6 if law.is_periodic else random.choice([0.2, 0.4, 0.6])
+            e = J @ e + K * np.sqrt(1e-4 / 3) * random.normal(size=800)
+            for _ in range(round(T / h)):
+                V = sign * np.sign(e[0] * e[1])
+                e = e + h * np.stack([e[1], V * e[0]])
+                e[1] += np.sqrt(2.5e-4 * h) * random.normal(size=800)
+                if k > 10:
+                    squares = np.mean(e**2, axis=1)
+                    sums, steps, moments = sums + squares.sum(), steps + 1, np.maximum(moments, squares)
+        assert np.sqrt(sums / steps) < rms
+        assert np.all(np.sqrt(moments) < 1.05 * np.array(worst))  # 800 runs: the largest of many averages
+
+
+def test_bounds_scale_with_the_noise_and_grow_with_what_is_declared():
+    plain, every = average(swinging()), at_worst(swinging(), 1)
+    four = [["4/30000"]], [[0, 0], [0, "0.001"]]
+    assert average(swinging(R=four[0], Q=four[1])) == pytest.approx(2 * plain, rel=1e-5)
+    assert at_worst(swinging(R=four[0], Q=four[1]), 1) == pytest.approx(2 * every, rel=1e-4)
+    for more in (swinging(R=four[0]), swinging(Q=four[1]), swinging(c="1.2")):
+        assert average(more) > plain and at_worst(more, 1) > every
+    for less in (swinging(R=None), swinging(Q=None), swinging(c="0.5")):
+        assert average(less) < plain and at_worst(less, 1) < every
+    # The parts of noise and disturbance add up, at least in squares.
+    assert average(swinging(Q=None)) ** 2 + average(swinging(R=None)) ** 2 <= plain**2 * (1 + 1e-6)
+    wider = [corrected(white(pendulum(aperiodic(low, "0.6")), R, Q), GAIN) for low in ("0.5", "0.3")]
+    assert plain <= average(wider[0]) <= average(wider[1])
+
+
+def test_time_and_states_in_other_units_change_nothing():
+    """t = 100 s, e = (1000, 10) z: T, A, C, R, Q and K in those units."""
+    made = plant([[0, 1], [0, 0]], [[0, 0], ["-1e-4", 0]], [[0, 0], ["1e-4", 0]], [["1e-3", 0]], periodic("60"))
+    slow = white(made, R, [[0, 0], [0, "0.00025"]])
+    # x_1 = 1000 z_1, x_2 = dx_1/dt = 10 dz_1/ds: intensity 10^2 / 100 of that per unit s.
+    about = corrected(slow, [["854.5"], ["11.984"]])
+    assert at_worst(about, 0) == pytest.approx(1000 * at_worst(swinging(), 0), rel=1e-3)
+    assert at_worst(about, 1) == pytest.approx(10 * at_worst(swinging(), 1), rel=1e-3)
+
+
+@pytest.mark.parametrize("state", [None, 0])
+def test_outputs_whose_slopes_vary_are_taken_at_every_corner(state):
+    law = periodic("0.5")
+    middle = white(pendulum(law), R, Q)
+    near, far = (seen_through(middle, [[low, 0]], [[high, 0]]) for low, high in (("0.95", "1.05"), ("0.8", "1.2")))
+    kind, questions = (
+        Average if state is None else EveryTime,
+        [Question(corrected(one, GAIN), state=state) for one in (middle, near, far)],
+    )
+    proposals = [kind.propose(question) for question in questions]
+    errors = [float(one.prove(question).error) for one, question in zip(proposals, questions, strict=True)]
+    assert errors[0] < errors[1] < errors[2]
+    assert proposals[2].prove(questions[1]).holds and not proposals[1].prove(questions[2]).holds
 
 
 def shrunk(rows, by):
@@ -48,56 +170,100 @@ def shrunk(rows, by):
 
 
 def test_a_certificate_with_a_smaller_p_proves_nothing():
-    question = Question(corrected(white(pendulum(periodic("0.6")), R, Q), [["0.8545"], ["1.1984"]]))
+    question = Question(swinging())
     whole = Average.propose(question)
     assert whole is not None and whole.prove(question).holds
     for changed in (
         replace(whole, P=shrunk(whole.P, "0.99")), replace(whole, P=[whole.P[0], *shrunk(whole.P[1:], "0.9")]),
         replace(whole, P=whole.P[:-1]), replace(whole, shape=["4", "5", "1", "0"]), replace(whole, units=["1"]),
         replace(whole, shape=["4", "5", "0", "4"]), replace(whole, units=["-1", "1"]),
-        replace(whole, law=periodic("1")),
+        replace(whole, law=periodic("1")), replace(whole, P=[["x"]]), replace(whole, shape=["a"]),
     ):  # fmt: skip
         assert not changed.prove(question).holds
-    chain = EveryTime.propose(question.of_state(1))
+    assert not whole.prove(Question(swinging(c="1.1"))).holds
+    assert not whole.prove(Question(swinging(K=[["0.8"], ["1.3"]]))).holds
+    # P does not depend on the noise: the bound follows what is declared.
+    louder = whole.prove(Question(swinging(R=[["1/300"]])))
+    assert louder.holds and louder.error > 3 * whole.prove(question).error
+
+
+def test_a_chain_with_a_smaller_p_proves_nothing():
+    question = Question(swinging(), state=1)
+    chain = EveryTime.propose(question)
     assert chain is not None and chain.prove(question).holds
     P = chain.P
     for altered in (
         replace(chain, P=[[shrunk(P[0][0], "0.99"), *P[0][1:]], *P[1:]]), replace(chain, P=P[:-1]),
         replace(chain, P=[[*P[0][:-1], shrunk(P[0][-1], "0.99")], *P[1:]]), replace(chain, rho="0.1"),
-        replace(chain, rho="1"), replace(chain, rho="-0.9"), replace(chain, windows=["2", "2"]),
-        replace(chain, windows=["1", "1"]), replace(chain, windows=["0", "2"]), replace(chain, state="2"),
-        replace(chain, windows=[]), replace(chain, P=[[P[0][0]], *P[1:]]),
+        replace(chain, P=[[P[0][0], shrunk(P[0][1], "0.99"), *P[0][2:]], *P[1:]]), replace(chain, rho="1"),
+        replace(chain, rho="-0.9"), replace(chain, windows=["2", "2"]), replace(chain, windows=["1", "1"]),
+        replace(chain, windows=["0", "2"]), replace(chain, windows=["3", "2"]), replace(chain, state="2"),
+        replace(chain, windows=[]), replace(chain, windows=[], P=[]), replace(chain, P=[[P[0][0]], *P[1:]]),
+        replace(chain, state="0"), replace(chain, windows=["1.5", "2", *chain.windows[2:]]),
     ):  # fmt: skip
         assert not altered.prove(question).holds
+    assert not chain.prove(Question(swinging(c="1.1"))).holds
 
 
-# A gain for these periods is (0.36, 0.80) .. (0.98, 0.97); noise.md prints its proved root mean square.
-@pytest.mark.parametrize(("T", "rms"), [("0.1", 0.01268), ("0.6", 0.02116), ("1.2", 0.03885)])
-def test_the_gain_of_least_error_of_the_pendulum(T, rms):
-    question = Question(corrected(white(pendulum(periodic(T)), R, Q), [[0], [0]]))
-    met = ImpulsiveGain().least_error(question, weights=[1, 1])
-    assert met is not None and met.method is not None
-    about = question.with_gain({"K": met.gain})
-    assert met.method.prove(about).holds
-    proved = float(Average.propose(about).prove(about).error)
-    assert proved <= rms and proved == pytest.approx(-met.merit, rel=1e-6)
-    # Gains near by are no better.
-    for step in ([0.01, 0], [0, 0.02], [-0.01, 0.01]):
-        other = ExactMatrix.from_floats(met.gain.floats + np.array(step)[:, None], 6)
-        assert average(question.with_gain({"K": other}).inclusion) > proved
+@pytest.mark.parametrize(
+    ("kind", "made"),
+    [
+        (Average, white(pendulum(periodic("0.6")), R, Q)), (EveryTime, white(pendulum(periodic("0.6")), R, Q)),
+        (PowerGain, bounded(pendulum(periodic("0.6")), ["0.01"], [0, "0.05"])),
+    ],
+)  # fmt: skip
+def test_what_is_stored_reads_back_and_proves_the_same(kind, made):
+    question = Question(corrected(made, GAIN), state=1 if kind is EveryTime else None)
+    method = kind.propose(question)
+    assert method is not None and method.reach == "mean square"
+    document = json.loads(json.dumps(method.certificate().document()))
+    again = read(Certificate.from_document(document), (Average, EveryTime, PowerGain))
+    assert again is not None and again.method == method
+    assert again.method.prove(question).error == method.prove(question).error
 
 
-@pytest.mark.parametrize("T", ["0.1", "0.6", "1.2"])
-def test_the_quietest_gain_keeps_half_of_the_fastest_rate(T):
-    question = Question(corrected(pendulum(periodic(T)), [[0], [0]]))
-    met = ImpulsiveGain().quietest(question)
-    assert met is not None
-    about = question.with_gain({"K": met.gain})
-    rate = met.method.prove(about).rate
-    assert rate >= 0.49 * float(fastest_rate(question))
-    loud = design_impulsive(question.with_rate(fastest_rate(question)))
-    assert loud is not None
-    quiet_noise, loud_noise = (
-        average(corrected(white(pendulum(periodic(T)), [[1]]), gain.rows)) for gain in (met.gain, loud[0])
-    )
-    assert quiet_noise < loud_noise
+def test_what_is_not_white_is_not_bounded_in_mean_square():
+    """A bounded disturbance beside white noise, and samples without a least distance."""
+    mixed = replace(white(pendulum(periodic("0.6")), R), disturbance=bounded(pendulum(periodic("0.6")), None, [0, 1]))
+    mixed = replace(mixed, disturbance=bounded(mixed, None, [0, "0.05"]).disturbance)
+    proof = Average.propose(Question(swinging()))
+    for one in (mixed, pendulum(periodic("0.6")), bounded(pendulum(periodic("0.6")), ["0.01"])):
+        question = Question(corrected(one, GAIN))
+        assert Average.propose(question) is None and not proof.prove(question).holds
+        assert EveryTime.propose(question.of_state(0)) is None
+    from_zero = Question(corrected(white(pendulum(aperiodic(0, "0.6")), R, Q), [[1], ["1.4"]]))
+    assert Average.propose(from_zero) is None and EveryTime.propose(from_zero.of_state(0)) is None
+    assert PowerGain.propose(Question(corrected(mixed, GAIN))) is not None
+
+
+def test_the_power_of_bounded_signals():
+    """e' = -e + d: the gain from d is 1 (d constant). e+ = 0.7 e + 0.3 v every half: v constant is its own error."""
+    slow = Question(corrected(bounded(plant([[-1]], [[0]], [[0]], [[1]], periodic(1)), None, [1]), [[0]]))
+    kicked = Question(corrected(bounded(plant([[0]], [[0]], [[0]], [[1]], periodic("0.5")), [1]), [["0.3"]]))
+    for question in (slow, kicked):
+        method = PowerGain.propose(question)
+        assert method is not None and 1 <= float(method.prove(question).error) <= 1.00001
+        assert method.quantity(question.plant) == "rms"
+    price = PowerGain.propose(slow)
+    assert not replace(price, g=["0.999"]).prove(slow).holds and not replace(price, g=[]).prove(slow).holds
+    assert not replace(PowerGain.propose(kicked), nu=["0.4999"]).prove(kicked).holds
+
+
+@pytest.mark.parametrize("law", [periodic("0.3"), aperiodic("0.1", "0.3")])
+def test_no_bounded_signal_has_more_power(law):
+    about = corrected(bounded(pendulum(law), ["0.01"], [0, "0.05"]), [["0.8777"], ["1.6234"]])
+    question = Question(about)
+    bound = float(PowerGain.propose(question).prove(question).error)
+    random, h = np.random.default_rng(0), 0.01
+    J, K = about.floats.jump, np.array([[0.8777], [1.6234]])
+    for slow in (1, 5, 50):  # samples between changes of sign
+        e, total, time, most = np.zeros((2, 200)), 0.0, 0.0, 0.0
+        for k in range(300):
+            if k % slow == 0:
+                v, d, V = (random.choice([-1.0, 1.0], size=200) for _ in range(3))
+            e = J @ e + K * 0.01 * v
+            for _ in range(round((0.3 if law.is_periodic else random.choice([0.1, 0.3])) / h)):
+                e = e + h * np.stack([e[1], V * e[0] + 0.05 * d])
+                total, time = total + h * np.sum(e**2, axis=0), time + h
+        most = max(most, float(np.sqrt(np.max(total / time))))
+        assert most < bound

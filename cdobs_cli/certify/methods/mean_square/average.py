@@ -28,7 +28,6 @@ from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Rea
 from cdobs_cli.certify.methods.clock.form import Shape
 from cdobs_cli.certify.methods.mean_square.aim import Aim
 from cdobs_cli.certify.methods.mean_square.curves import Curves
-from cdobs_cli.certify.methods.mean_square.form import sample_instants
 from cdobs_cli.certify.methods.mean_square.polynomial import (
     Proved,
     Texts,
@@ -107,11 +106,7 @@ class Average(Method):
         Z = proved.weight(identity_on(n, proved.N))
         if not (positive(P[0]) and proved.falls(P[0], P) and proved.flows(P, Z)):
             return NOTHING
-        kicked = arb((P[0] @ proved.spread).trace())
-        drifted = proved.sums(proved.traces(P, proved.drift))
-        gamma = arb(0)
-        for number in sample_instants(proved.shape):
-            gamma = gamma.max((kicked + arb(drifted[number].trace())) / arb(proved.times[number]))
+        gamma = proved.average(P, arb(0))
         return Proof(True, error=gamma.upper().sqrt().upper()) if gamma.is_finite() else NOTHING
 
 

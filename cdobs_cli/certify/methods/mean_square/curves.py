@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
 
 _ROUNDS = 24
-_FINE, _COARSE = 1e-9, 1e-4  # the solver's tolerance, and while corners are still looked for
+_FINE, _COARSE = 1e-10, 1e-4  # the solver's tolerance, and while corners are still looked for
 _FEW = 0.02  # of the corners met: so few new ones end the look
 
 Cut = tuple[int, int, int]

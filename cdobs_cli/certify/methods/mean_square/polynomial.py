@@ -11,10 +11,12 @@ from fractions import Fraction
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from flint import arb
+
 from cdobs_cli.certify.definite import has_positive_pivots
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.form import Shape, flow_coefficients, in_basis, jump_gap, lyapunov
-from cdobs_cli.certify.methods.mean_square.form import instants, paid, sums
+from cdobs_cli.certify.methods.mean_square.form import instants, paid, sample_instants, sums
 from cdobs_cli.certify.methods.mean_square.setting import diagonal
 from cdobs_cli.certify.texts import rational, symmetric_from_upper, upper_texts
 from cdobs_cli.exact.matrix import Matrix
@@ -168,3 +170,11 @@ class Proved:
     @cached_property
     def times(self) -> list[Any]:
         return instants(self.shape, self.lengths)
+
+    def average(self, P: list[Matrix], kicks: arb) -> arb:
+        """The least gamma with gamma tau >= kicks + tr(R G'P(0)G) + int_0^tau tr(P B Q B') on [T_min, T_max]."""
+        added = kicks + arb((P[0] @ self.spread).trace())
+        drifted, gamma = self.sums(self.traces(P, self.drift)), arb(0)
+        for number in sample_instants(self.shape):
+            gamma = gamma.max((added + arb(drifted[number].trace())) / arb(self.times[number]))
+        return gamma

@@ -9,7 +9,10 @@ and on [T_min, T_max], all corners of J,
     [[P(tau) - J'P(0)J, -J'P(0)G], [., diag nu - G'P(0)G]] > 0,    P(0) > 0,
 
 then int e'Z e <= V(0) + sum_j g_j int d_j^2 + sum_j nu_j sum_k v_jk^2: sqrt(g_j), sqrt(nu_j) are L2 gains, and for any
-|d_j| <= d0_j, |v_jk| <= v0_j the time average of e'Z e stays below sum_j g_j d0_j^2 + sum_j nu_j v0_j^2 / T_min.
+|d_j| <= d0_j, |v_jk| <= v0_j the time average of e'Z e stays below sum_j g_j d0_j^2 + sum_j nu_j v0_j^2 / T_min. Where
+one of them is white instead it adds to E e'P e what it adds to the average form: the average of E e'Z e stays below
+
+    sum_j g_j d0_j^2 + (sum_j nu_j v0_j^2 + tr(R G'P(0)G) + int_0^tau tr(P B Q B')) / tau,    tau in [T_min, T_max].
 """
 
 from __future__ import annotations
@@ -38,7 +41,14 @@ from cdobs_cli.certify.methods.mean_square.polynomial import (
     unit_texts,
 )
 from cdobs_cli.certify.methods.mean_square.setting import Setting, diagonal, errors_only, shape
-from cdobs_cli.certify.methods.mean_square.signals import acting, identity_on, is_bounded, largest_sizes, takes
+from cdobs_cli.certify.methods.mean_square.signals import (
+    acting,
+    has_bounded,
+    identity_on,
+    largest_sizes,
+    noise_floats,
+    takes,
+)
 from cdobs_cli.certify.texts import rational
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
@@ -74,7 +84,7 @@ class PowerGain(Method):
 
     @classmethod
     def applies(cls, question: Question) -> bool:
-        return is_bounded(question.plant) and takes(question)
+        return has_bounded(question.plant) and takes(question)
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:
@@ -117,7 +127,7 @@ class PowerGain(Method):
         d_0, v_0 = largest_sizes(plant.disturbance, plant.n), largest_sizes(plant.noise, plant.p)
         power = sum((fraction_ball(price) * d_0[j] ** 2 for price, j in zip(g, d, strict=True)), arb(0))
         kicks = sum((fraction_ball(price) * v_0[j] ** 2 for price, j in zip(nu, v, strict=True)), arb(0))
-        total = power + kicks / self.law.T_min.ball()
+        total = power + proved.average(P, kicks)
         return Proof(True, error=total.upper().sqrt().upper()) if total.is_finite() else NOTHING
 
 
@@ -158,32 +168,35 @@ class PowerSearch:
         v_0 = np.array([float(size) for size in largest_sizes(plant.noise, plant.p)])[v]
         r, q = len(d), len(v)
         B, G = setting.drive[:, d] * d_0, setting.kick[:, v] * v_0
-        unit = float(np.linalg.norm(np.hstack([B, G]))) or 1.0  # so that prices are about 1
-        B, G = B / unit, G / unit
+        R, Q = noise_floats(plant)
+        spread, drift = setting.kick @ R @ setting.kick.T, setting.drive @ Q @ setting.drive.T / setting.T
+        largest = [*np.sum(B**2, axis=0), *np.sum(G**2, axis=0), np.trace(spread), np.trace(drift)]
+        unit = np.sqrt(max(largest)) or 1.0  # so that prices are about 1
+        B, G, spread, drift = B / unit, G / unit, spread / unit**2, drift / unit**2
         curves = Curves(
-            self.form, setting.shortest, setting.flows, setting.weight(self.Z)[None], r + q, self.epsilon,
+            self.form, setting.shortest, setting.flows, setting.weight(self.Z)[None], r + q + 1, self.epsilon,
             drive=B if r else None,
-            prices=np.broadcast_to(np.arange(r), (1, self.form.pieces, r)) + 0,
         )  # fmt: skip
-        curves.prices = curves.prices + curves.last
+        g, nu, gamma = curves.last + np.arange(r), curves.last + r + np.arange(q), curves.size - 1
+        curves.prices = np.broadcast_to(g, (1, self.form.pieces, r))
         key = ("power", self.form)
         curves.cuts = set(self.question.memory.get(key, ()))
-        program = curves.program()
-        nu = curves.last + r + np.arange(q)
+        program, cost = curves.program(), np.zeros(curves.size)
         if q:
             require_kicks(curves, program, setting.jumps, G, nu)
         else:
             curves.require_jumps(program, setting.jumps, 0, 0)
         curves.require_above(program, 0, [0], self.epsilon * np.eye(curves.N))
-        cost = np.zeros(curves.size)
-        cost[curves.last : curves.last + r] = 1.0
-        cost[nu] = 1.0 / setting.shortest
+        rows = -curves.sum_rows(0, drift)[curves.sampled] - curves.start_row(0, spread)
+        rows[:, nu] -= 1.0
+        rows[:, gamma] += curves.times[curves.sampled]
+        program.at_least(rows, np.zeros(len(rows)))
+        cost[[*g, gamma]] = 1.0
         x = curves.minimise(cost, program)
         self.question.memory[key] = curves.cuts
         if x is None:
             return None
-        g, prices = x[curves.last : curves.last + r], x[nu]
-        return curves.coefficients(x)[0], g * unit**2 / d_0**2 / setting.T, prices * unit**2 / v_0**2
+        return curves.coefficients(x)[0], x[g] * unit**2 / d_0**2 / setting.T, x[nu] * unit**2 / v_0**2
 
 
 def require_kicks(curves: Curves, program: BlockProgram, jumps: Array, G: Array, nu: Any, share: float = 1.0) -> None:

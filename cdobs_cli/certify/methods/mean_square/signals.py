@@ -21,10 +21,14 @@ def is_white(plant: Plant) -> bool:
     return plant.covariance is not None or plant.intensity is not None
 
 
+def has_bounded(plant: Plant) -> bool:
+    """Whether noise or disturbance are bounded signals; the other one may be white."""
+    return plant.noise is not None or plant.disturbance is not None
+
+
 def is_bounded(plant: Plant) -> bool:
     """Whether noise or disturbance are bounded signals, and neither is white."""
-    declared = plant.noise is not None or plant.disturbance is not None
-    return declared and plant.covariance is None and plant.intensity is None
+    return has_bounded(plant) and plant.covariance is None and plant.intensity is None
 
 
 def takes(question: Question) -> bool:
