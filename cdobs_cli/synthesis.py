@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from flint import arb
 
-from cdobs_cli.bounds.estimate import before_the_first_sample
+from cdobs_cli.bounds.estimate import before_the_first_sample, stays_within
 from cdobs_cli.bounds.joint import joint_slopes
 from cdobs_cli.bounds.slopes import is_shared, resolve, to_be_found, unbounded_claims, with_found
 from cdobs_cli.certificate import CONVERGENCE, Check, Claim
@@ -53,6 +53,19 @@ def system_of(spec: Spec, design: Design) -> HybridSystem:
 
 
 def new_design(spec: Spec, effort: int) -> Design:
+    """A design, with bounds of its error for all time from the initial errors that are typed, where it has such
+    bounds."""
+    from cdobs_cli.certify.lmi import solver_log, summary
+
+    design, known = _best(spec, effort), known_errors(spec)
+    if known is None or design.outcome == "none":
+        return design
+    with solver_log() as records:
+        design = spec.observer.started(plant_of(spec, design), design, known, effort)
+    return replace(design, solver=summary(([design.solver] if design.solver else []) + records))
+
+
+def _best(spec: Spec, effort: int) -> Design:
     """A design. Where automatic slopes share functions: the one whose entries move together, if its estimate is shown
     to stay for the typed initial errors; else the better of that one, for initial errors of its own, and of the one
     whose entries move by themselves, which the continuation serves."""
@@ -78,9 +91,14 @@ def _serves(design: Design) -> bool:
 
 
 def _holds_from_start(spec: Spec, design: Design) -> bool:
-    """Whether the estimate stays within a margin for the initial errors that are typed."""
+    """Whether the estimate stays within a margin for the initial errors that are typed, under the declared disturbance
+    and noise where the design could say so."""
     start = initial_errors(spec)
     if start is None or design.estimate.way != "margin":
+        return False
+    plant, observer = plant_of(spec, design), spec.observer
+    noisy = observer.bounds_errors and plant.has_bounded_signals
+    if noisy and not stays_within(plant, design.estimate, observer.noisy_transients(plant, design)):
         return False
     held = design.estimate.initial_errors
     ends = zip(held.lower, start.lower, start.upper, held.upper, strict=True)
@@ -149,9 +167,6 @@ def _design_over(region: Plant, spec: Spec, effort: int, *, together: bool = Fal
         plant = with_found(plant, slopes)
     with solver_log() as records:
         design = observer.synthesize(plant, effort)
-        known = known_errors(spec)
-        if known is not None and design.outcome != "none":
-            design = observer.started(plant, design, known, effort)
     design = replace(design, slopes=slopes, solver=summary(records))
     if design.outcome == "none":
         return design
@@ -175,7 +190,7 @@ def _margin_needed(spec: Spec, design: Design) -> dict[str, Exact]:
 
 def certify(spec: Spec, design: Design, effort: int) -> Check:
     """What is proved of a design, with the premises about the plant and the conditions of the verdict."""
-    from cdobs_cli.bounds.estimate import confinement_claim, stays_within
+    from cdobs_cli.bounds.estimate import confinement_claim
     from cdobs_cli.bounds.slopes import slope_claims
     from cdobs_cli.certify.conditions import proved_of_the_plant, with_conditions
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cdobs_cli.certify.judge import Judgement
     from cdobs_cli.certify.methods.base import Method, Question
     from cdobs_cli.certify.methods.rung import Rung
-    from cdobs_cli.design import Design
+    from cdobs_cli.design import Confinement, Design
     from cdobs_cli.exact.numbers import ExactMatrix
     from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, NoiseMaps, PlantView
     from cdobs_cli.plant import Box, Plant
@@ -153,6 +153,17 @@ class ConstantGain(Family):
         from cdobs_cli.certify.judge import noisy_transients
 
         return noisy_transients(self, plant, design) if plant.domain else ()
+
+    def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:
+        """A margin that holds under the declared disturbance and noise comes before one that holds without them, and so
+        does a continuation."""
+        from cdobs_cli.bounds.estimate import confine
+
+        saturate, noisy = getattr(self, "saturate", False), self.noisy_transients(plant, design)
+        within = confine(plant, saturate, noisy, start) if noisy else None
+        if within is not None and within.way != "open":
+            return within
+        return confine(plant, saturate, self.transients(plant, design), start)
 
     def started(self, plant: Plant, design: Design, start: Box, effort: int) -> Design:
         from cdobs_cli.certify.design import started

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from cdobs_cli.certify.methods.base import Method, Question
     from cdobs_cli.certify.methods.rung import Rung
     from cdobs_cli.chart import Exhibits
-    from cdobs_cli.design import Confinement, Design
+    from cdobs_cli.design import Design
     from cdobs_cli.hybrid import ErrorMaps, NoiseMaps, Observer, PlantView
-    from cdobs_cli.plant import Box, Plant
+    from cdobs_cli.plant import Plant
     from cdobs_cli.run import Run, SimulationPlan
 
 
@@ -127,12 +127,6 @@ class LpvZeroOrderHold(ConstantGain):
         from cdobs_cli.families.lpv_zoh.printed_claims import printed_claims
 
         return printed_claims(self, judgement.plant, judgement.design)
-
-    def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:
-        from cdobs_cli.bounds.estimate import confine
-
-        transients = (*self.noisy_transients(plant, design), *self.transients(plant, design))
-        return confine(plant, self.saturate, transients, start)
 
     def exhibits(self, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
         from cdobs_cli.families.lpv_zoh.exhibits import exhibits

@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from cdobs_cli.certify.methods.base import Method, Question
     from cdobs_cli.certify.methods.rung import Rung
     from cdobs_cli.chart import Exhibits
-    from cdobs_cli.design import Confinement, Design
+    from cdobs_cli.design import Design
     from cdobs_cli.hybrid import ErrorMaps, NoiseMaps, Observer, PlantView
-    from cdobs_cli.plant import Box, Plant
+    from cdobs_cli.plant import Plant
     from cdobs_cli.run import Run, SimulationPlan
 
 MAX_STATES = 8
@@ -129,12 +129,6 @@ class Reachability(ConstantGain):
         from cdobs_cli.families.reachability.beside import claims_beside
 
         return claims_beside(self, judgement)
-
-    def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:
-        from cdobs_cli.bounds.estimate import confine
-
-        transients = (*self.noisy_transients(plant, design), *self.transients(plant, design))
-        return confine(plant, self.saturate, transients, start)
 
     def exhibits(self, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
         from cdobs_cli.families.reachability.exhibits import exhibits
