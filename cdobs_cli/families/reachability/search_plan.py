@@ -67,7 +67,8 @@ def rungs(family: Reachability, question: Question) -> Sequence[Rung]:
 
 def gain_searches(family: Reachability, question: Question) -> Sequence[GainSearch]:
     """The set first; where n = rank C a sample tells the state, and no other gain is needed."""
-    quiet = family.objective in ("given_period", "min_error") and family.method != "set"
+    weighed = family.objective in ("given_period", "min_error") or family.error_at_most
+    quiet = bool(weighed) and family.method != "set"
     if kernel(question.plant.C).dimension == 0 and ResetGain().at(question) is not None:
         return [ResetGain(), ImpulsiveGain()] if quiet else [ResetGain()]
     asked: list[tuple[bool, GainSearch]] = [
