@@ -17,10 +17,9 @@ from cdobs_cli.certify.methods.base import Method, Proof, Question, Reach
 from cdobs_cli.certify.methods.mean_square.aim import scales
 from cdobs_cli.certify.methods.mean_square.average import Average
 from cdobs_cli.certify.methods.mean_square.every_time import EveryTime
-from cdobs_cli.certify.methods.mean_square.signals import is_white
+from cdobs_cli.certify.methods.mean_square.signals import has_white
 from cdobs_cli.certify.methods.peak.certificate import Peak
 from cdobs_cli.certify.methods.peak.from_zero import PeakFromZero
-from cdobs_cli.certify.methods.peak.signals import is_bounded
 from cdobs_cli.exact.numbers import Exact, lower_text, upper_text
 from cdobs_cli.plant import Box, Plant
 
@@ -110,31 +109,14 @@ def accuracy(question: Question, items: Iterable[Item]) -> tuple[list[Claim], di
         if best is not None:
             about = ", ".join(filter(None, (_ABOUT, best.method.since(plant))))
             bounds[name] = Bound(upper_text(_error(best), _DIGITS), None, "", best.method.rung, about, "less")
-    if is_bounded(plant) and is_white(plant):
-        claims = [
-            replace(claim, statement=f"Of what bounded or white signals do alone: {claim.statement}")
-            for claim in claims
-        ]
-        bounds = _together(plant, bounds)
+    by_state = [bounds[f"rms.{state}"] for state in plant.states if f"rms.{state}" in bounds]
+    if "rms" not in bounds and len(by_state) == plant.n:
+        total = sum((_end(one) ** 2 for one in by_state), arb(0)).sqrt()
+        bounds["rms"] = Bound(upper_text(total, _DIGITS), None, "", "sum of the states'", _ABOUT, "less")
     reached, lower_ends = _reached(question)
     for name, end in lower_ends.items():
         bounds[name] = replace(bounds.get(name, Bound(None, None, "", None, _ABOUT, "less")), refuted=end)
     return [_error_bounded(question, bounds), *claims, *reached], bounds
-
-
-def _together(plant: Plant, bounds: dict[str, Bound]) -> dict[str, Bound]:
-    """Bounded and white signals at once: the error is the sum of what each do, with the same slopes, and the root mean
-    square of a sum is at most the sum of both."""
-    peaks = [bounds.get(f"error.{state}") for state in plant.states]
-    met = {f"rms.{state}": peak for state, peak in zip(plant.states, peaks, strict=True) if peak is not None}
-    added = {name: _end(peak) for name, peak in met.items()}
-    if len(met) == plant.n:
-        added["rms"] = sum((_end(peak) ** 2 for peak in met.values()), arb(0)).sqrt()
-    return {
-        name: replace(bounds[name], proved=upper_text(_end(bounds[name]) + more, _DIGITS))
-        for name, more in added.items()
-        if name in bounds
-    }
 
 
 def _end(bound: Bound) -> arb:
@@ -145,7 +127,7 @@ def _end(bound: Bound) -> arb:
 def _reached(question: Question) -> tuple[list[Claim], dict[str, str]]:
     """How large errors become at least: claims with words that make them so, and lower ends by the bounds' names."""
     plant, claims, ends = question.plant, [], {}
-    for i, state in enumerate(plant.states if is_bounded(plant) and not is_white(plant) else ()):
+    for i, state in enumerate(plant.states if plant.has_bounded_signals else ()):
         met = attained(question.inclusion, i, question.effort)
         if met is None:
             continue
@@ -214,7 +196,7 @@ def _left(name: str) -> str:
 def _error_bounded(question: Question, bounds: dict[str, Bound]) -> Claim:
     """Proved where every state has a proved bound, of its size where what acts is bounded, else of its mean square."""
     plant = question.plant
-    names = [f"{'rms' if is_white(plant) else 'error'}.{state}" for state in plant.states]
+    names = [f"{'rms' if has_white(plant) else 'error'}.{state}" for state in plant.states]
     under = f"Under {acting_text(plant)} the error stays bounded"
     law = f"sampling {question.law.words}"
     source = "cdobs, error bounds"

@@ -38,15 +38,12 @@ from cdobs_cli.certify.methods.mean_square.polynomial import (
     texts,
     unit_texts,
 )
-from cdobs_cli.certify.methods.mean_square.setting import Setting, errors_only, padded, shape
+from cdobs_cli.certify.methods.mean_square.setting import EPSILONS, Setting, errors_only, padded, shape
 from cdobs_cli.certify.methods.mean_square.signals import identity_on, is_white, noise_floats, takes
 from cdobs_cli.plant import Plant
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
-
-# Margins asked of the solver, relative to P about 1: the first that a proof bears.
-EPSILONS = (1e-9, 1e-8, 1e-7, 1e-6)
 
 
 @dataclass(frozen=True)

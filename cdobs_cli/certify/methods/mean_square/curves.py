@@ -15,7 +15,7 @@ import numpy as np
 from cdobs_cli.certify.bernstein import derivative, elevation
 from cdobs_cli.certify.blocks import BlockProgram, symmetric_basis
 from cdobs_cli.certify.methods.clock.form import Shape, jump_gap, lyapunov
-from cdobs_cli.certify.methods.mean_square.form import instants, sample_instants, sums
+from cdobs_cli.certify.methods.mean_square.form import instants, kick_block, sample_instants, sums
 from cdobs_cli.certify.methods.mean_square.setting import ALL_AT_ONCE
 
 if TYPE_CHECKING:
@@ -133,6 +133,25 @@ class Curves:
             columns = np.array([[*self.columns(after, 0), *self.columns(before, number)] for number in numbers])
             terms = np.broadcast_to(np.concatenate([old, new]), (len(columns), 2 * self.t, self.N, self.N))
             program.require(columns, terms, -self.epsilon * np.eye(self.N))
+
+    def require_kicks(
+        self, program: BlockProgram, jumps: Array, G: Array, nu: Any, after: int, before: int, share: float = 1.0
+    ) -> None:
+        """[[share P_before(tau) - J'P_after(0)J, -J'P_after(0)G], [., diag nu - G'P_after(0)G]] >= epsilon I on
+        [T_min, T_max], at each corner of J; nu: its columns."""
+        n, q = self.N, len(nu)
+        if not q:
+            return self.require_jumps(program, jumps, after, before, share)
+        zero, nothing = np.zeros((n, n)), np.zeros((q, q))
+        for J in jumps:
+            terms = [kick_block(P, zero, J, G, nothing) for P in self.basis]
+            terms += [kick_block(zero, P * share, J, G, nothing) for P in self.basis]
+            terms += [kick_block(zero, zero, J, G, np.diag(row)) for row in np.eye(q)]
+            numbers = range(self.shape.jump_from, self.shape.count)
+            columns = np.array([[*self.columns(after, 0), *self.columns(before, number), *nu] for number in numbers])
+            stack = np.broadcast_to(np.array(terms), (len(columns), len(terms), n + q, n + q))
+            program.require(columns, stack, -self.epsilon * np.eye(n + q))
+        return None
 
     def require_above(self, program: BlockProgram, k: int, numbers: Any, M: Array) -> None:
         """P_k - M >= 0 at these coefficients."""

@@ -13,9 +13,9 @@ def paid(slope: Any, lyapunov: Any, Z: Any) -> Any:
     return -(slope + lyapunov + Z)
 
 
-def gain_block(slope: Any, lyapunov: Any, Z: Any, P_B: Any, g: Any) -> Any:
-    """[[-(Pdot + P A + A'P + Z), -P B], [., g]] >= 0: e'Pe grows by d'g d - e'Ze at most; g a diagonal matrix."""
-    return block([[paid(slope, lyapunov, Z), -P_B], [-P_B.T, g]])
+def driven_block(gap: Any, P_B: Any, mu: Any) -> Any:
+    """[[gap, -P B], [., mu]] >= 0, gap as in `paid`: e'Pe grows by d'mu d - e'Ze at most; mu a diagonal matrix."""
+    return block([[gap, -P_B], [-P_B.T, mu]])
 
 
 def kick_block(P_0: Any, P: Any, J: Any, G: Any, nu: Any) -> Any:

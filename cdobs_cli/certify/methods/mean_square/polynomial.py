@@ -11,28 +11,36 @@ from fractions import Fraction
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from flint import arb
+from flint import arb, fmpq
 
 from cdobs_cli.certify.definite import has_positive_pivots
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.form import Shape, flow_coefficients, in_basis, jump_gap, lyapunov
-from cdobs_cli.certify.methods.mean_square.form import instants, paid, sample_instants, sums
+from cdobs_cli.certify.methods.mean_square.form import driven_block, instants, kick_block, paid, sample_instants, sums
 from cdobs_cli.certify.methods.mean_square.setting import diagonal
+from cdobs_cli.certify.methods.mean_square.signals import acting, largest_sizes
 from cdobs_cli.certify.texts import rational, symmetric_from_upper, upper_texts
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import fraction_text
 from cdobs_cli.hybrid import ErrorMaps, NoiseMaps
+from cdobs_cli.plant import Box
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
 
 DIGITS = 13
+_MOST_DEGREES = 64
 Texts = list[list[list[str]]]
 
 
 def positive(M: Matrix) -> bool:
     return has_positive_pivots(M.balls())
+
+
+def exact_scalar(value: Fraction) -> fmpq:
+    """As flint computes with it."""
+    return fmpq(value.numerator, value.denominator)
 
 
 def unit_texts(states: Array) -> list[str]:
@@ -60,6 +68,8 @@ def shape_texts(shape: Shape) -> list[str]:
 def shape_of(values: list[str], law: SamplingLaw) -> Shape:
     """Raises: ValueError where pieces do not cover [0, T_max] with T_min a break point."""
     d, D, before, after = (int(value) for value in values)
+    if D > _MOST_DEGREES:
+        raise ValueError("a degree beyond all use")
     shape = Shape(d, D, before, after)
     if law.is_updated or not 1 <= d <= D or min(before, after) < 0 or law.T_max.sign() != 1:
         raise ValueError("no shape of a polynomial")
@@ -129,6 +139,26 @@ class Proved:
         return self.S.T @ Z @ self.S
 
     @cached_property
+    def driven(self) -> tuple[Matrix, Matrix]:
+        """(B, G) of the bounded signals that are not 0, shapes (N, r), (N, q)."""
+        plant = self.question.plant
+        return self.noise.drive[:, acting(plant.disturbance)], self.noise.kick[:, acting(plant.noise)]
+
+    def prices(self, rows: list[str], count: int) -> Matrix:
+        """The diagonal matrix of so many prices. Raises: ValueError on another number of them."""
+        if len(rows) != count:
+            raise ValueError("one price for each signal")
+        return diagonal([rational(text) for text in rows])
+
+    def power(self, mu: Matrix) -> arb:
+        """sum_j mu_j d0_j^2."""
+        return _weighted(mu, self.question.plant.disturbance)
+
+    def kicked(self, nu: Matrix) -> arb:
+        """sum_j nu_j v0_j^2."""
+        return _weighted(nu, self.question.plant.noise)
+
+    @cached_property
     def spread(self) -> Matrix:
         """G R G', (N, N): what the noise of a sample adds; 0 without a covariance."""
         R = self.question.plant.covariance
@@ -142,22 +172,41 @@ class Proved:
         B = self.noise.drive
         return Matrix.zeros(self.N, self.N) if Q is None else B @ Q.balls() @ B.T
 
-    def flows(self, P: list[Matrix], Z: Matrix | None = None, until: int | None = None) -> bool:
-        """Pdot + P A + A'P + Z < 0 at every corner, on the first `until` pieces."""
+    def flows(
+        self, P: list[Matrix], Z: Matrix | None = None, until: int | None = None, B: Matrix | None = None,
+        mu: list[Matrix] | None = None,
+    ) -> bool:  # fmt: skip
+        """Pdot + P A + A'P + Z < 0 at every corner, on the first `until` pieces; its block with what drives through B
+        and is paid for with mu, a diagonal matrix for each piece, where that is not empty."""
         covered = self.shape.pieces if until is None else until
-        zero = Matrix.zeros(self.N, self.N)
-        lengths = [h for h in self.lengths for _ in range(self.shape.D + 1)][: covered * (self.shape.D + 1)]
-        coefficients = list(zip(flow_coefficients(P, self.shape, self.lengths), lengths, strict=False))
-        return all(
-            positive(paid(slope, lyapunov(value, A, 0), zero if Z is None else Z * h))
-            for A in self.corners
-            for (slope, value), h in coefficients
-        )
+        zero, driven = Matrix.zeros(self.N, self.N), B is not None and B.shape[1] > 0
+        coefficients = list(flow_coefficients(P, self.shape, self.lengths))[: covered * (self.shape.D + 1)]
+        for number, (slope, value) in enumerate(coefficients):
+            piece = number // (self.shape.D + 1)
+            h = self.lengths[piece]
+            paid_for = zero if Z is None else Z * h
+            for A in self.corners:
+                gap = paid(slope, lyapunov(value, A, 0), paid_for)
+                if driven:
+                    assert B is not None and mu is not None
+                    gap = driven_block(gap, value @ B, mu[piece] * h)
+                if not positive(gap):
+                    return False
+        return True
 
-    def falls(self, P_after: Matrix, P_before: list[Matrix], share: Fraction = Fraction(1)) -> bool:
-        """share P_before(tau) - J'P_after J > 0 on [T_min, T_max], at every corner of J."""
-        numbers = range(self.shape.jump_from, self.shape.count)
-        return all(positive(jump_gap(P_after, P_before[number] * share, J)) for number in numbers for J in self.jumps)
+    def falls(
+        self, P_after: Matrix, P_before: list[Matrix], share: Fraction = Fraction(1), G: Matrix | None = None,
+        nu: Matrix | None = None,
+    ) -> bool:  # fmt: skip
+        """share P_before(tau) - J'P_after J > 0 on [T_min, T_max], at every corner of J; its block with what kicks
+        through G and is paid for with nu, a diagonal matrix, where that is not empty."""
+        for number in range(self.shape.jump_from, self.shape.count):
+            for J in self.jumps:
+                P = P_before[number] * share
+                kicked = G is not None and nu is not None and G.shape[1] > 0
+                if not positive(kick_block(P_after, P, J, G, nu) if kicked else jump_gap(P_after, P, J)):
+                    return False
+        return True
 
     def traces(self, P: list[Matrix], M: Matrix) -> list[Matrix]:
         """tr(P M) of each coefficient, (1, 1) each."""
@@ -178,3 +227,10 @@ class Proved:
         for number in sample_instants(self.shape):
             gamma = gamma.max((added + arb(drifted[number].trace())) / arb(self.times[number]))
         return gamma
+
+
+def _weighted(prices: Matrix, box: Box | None) -> arb:
+    sizes, total = largest_sizes(box, 0), arb(0)
+    for place, j in enumerate(acting(box)):
+        total += arb(prices[place, place]) * sizes[j] ** 2
+    return total

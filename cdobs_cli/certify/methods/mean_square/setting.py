@@ -20,6 +20,8 @@ from cdobs_cli.hybrid import HybridInclusion
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
 
+# Margins asked of the solver, relative to P about 1: the first that a proof bears.
+EPSILONS = (1e-9, 1e-8, 1e-7, 1e-6)
 _DOUBLINGS = 5
 _FEW = 6
 ALL_AT_ONCE = 4
@@ -130,6 +132,8 @@ def errors_only(inclusion: HybridInclusion, weights: Array) -> Array:
 
 
 def diagonal(entries: list[Fraction]) -> Matrix:
+    if not entries:
+        return Matrix.zeros(0, 0)
     return Matrix.from_rows([[entry if i == j else 0 for j in range(len(entries))] for i, entry in enumerate(entries)])
 
 

@@ -16,9 +16,14 @@ if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
 
 
-def is_white(plant: Plant) -> bool:
-    """Whether noise or disturbance are white; what is said then is of their part of the error."""
+def has_white(plant: Plant) -> bool:
+    """Whether noise or disturbance are white; the other one may be bounded."""
     return plant.covariance is not None or plant.intensity is not None
+
+
+def is_white(plant: Plant) -> bool:
+    """Whether noise or disturbance are white, and neither is a bounded signal of which nothing else is known."""
+    return has_white(plant) and not has_bounded(plant)
 
 
 def has_bounded(plant: Plant) -> bool:
@@ -28,7 +33,7 @@ def has_bounded(plant: Plant) -> bool:
 
 def is_bounded(plant: Plant) -> bool:
     """Whether noise or disturbance are bounded signals, and neither is white."""
-    return has_bounded(plant) and plant.covariance is None and plant.intensity is None
+    return has_bounded(plant) and not has_white(plant)
 
 
 def takes(question: Question) -> bool:

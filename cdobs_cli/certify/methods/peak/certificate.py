@@ -13,7 +13,7 @@ from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
 from cdobs_cli.certify.methods.clock.certificate import is_small
 from cdobs_cli.certify.methods.peak.chain import Chain
-from cdobs_cli.certify.methods.peak.signals import exact_signals, is_bounded
+from cdobs_cli.certify.methods.peak.signals import exact_signals
 from cdobs_cli.certify.methods.peak.start import first_vertices
 from cdobs_cli.certify.methods.peak.state import (
     before_first_sample,
@@ -50,7 +50,7 @@ class Peak(Method):
     @classmethod
     def applies(cls, question: Question) -> bool:
         law, inclusion = question.law, question.inclusion
-        if inclusion.assemble_noise is None or not is_bounded(question.plant) or not is_small(inclusion):
+        if inclusion.assemble_noise is None or not question.plant.has_bounded_signals or not is_small(inclusion):
             return False
         return law.is_bounded and law.T_min.sign() == 1
 

@@ -53,7 +53,7 @@ from cdobs_cli.certify.methods.clock.form import (
 )
 from cdobs_cli.certify.methods.peak.chain import diagonal, is_well_cut, scalars, weighted
 from cdobs_cli.certify.methods.peak.form import flow_block, offset_target_block
-from cdobs_cli.certify.methods.peak.signals import Signals, exact_signals, is_bounded
+from cdobs_cli.certify.methods.peak.signals import Signals, exact_signals
 from cdobs_cli.certify.methods.peak.start import first_vertices
 from cdobs_cli.certify.methods.peak.state import (
     before_first_sample,
@@ -109,7 +109,7 @@ class PeakFromZero(Method):
     @classmethod
     def applies(cls, question: Question) -> bool:
         law, inclusion = question.law, question.inclusion
-        if inclusion.assemble_noise is None or not is_bounded(question.plant) or not is_small(inclusion):
+        if inclusion.assemble_noise is None or not question.plant.has_bounded_signals or not is_small(inclusion):
             return False
         return law.is_bounded and not law.is_periodic and not inclusion.outputs
 

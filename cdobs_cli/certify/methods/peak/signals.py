@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeVar
 
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import HybridInclusion
-from cdobs_cli.plant import Box, Plant
+from cdobs_cli.plant import Box
 
 M = TypeVar("M")
 
@@ -26,11 +26,6 @@ class Signals(Generic[M]):
     G: M
     d0: tuple[Any, ...]
     v0: tuple[Any, ...]
-
-
-def is_bounded(plant: Plant) -> bool:
-    """Whether boxes are declared of noise or disturbance; what is said then is of their part of the error."""
-    return plant.disturbance is not None or plant.noise is not None
 
 
 def exact_signals(inclusion: HybridInclusion) -> Signals[Any]:
