@@ -18,6 +18,7 @@ import numpy as np
 from cdobs_cli.arrays import Array
 from cdobs_cli.baselines.kalman import MAX_OUTPUTS, extended_kalman_filter
 from cdobs_cli.errors import SpecError
+from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix, decimal_text
 from cdobs_cli.hybrid import HybridSystem, Observer
 from cdobs_cli.plant import Box, Plant
@@ -28,8 +29,9 @@ from cdobs_cli.simulate.summary import quadratic_means, root_mean_squares
 
 SEEDS = 8
 MAX_STATES = 8
-# What a run takes, in microseconds: to be set up, for a sample, for a step, and more for a step of a white disturbance.
-_SET_UP, _SAMPLE, _STEP, _WHITE = 20_000, 400, 70, 250
+# What a run takes, in microseconds: to be set up, for a sample, for a step, and more for a step of a white disturbance;
+# each, but the last, also by the nodes of the expressions that it works with.
+_SET_UP, _SAMPLE, _STEP, _WHITE = (20_000, 20.0), (250, 0.4), (30, 0.3), 110
 BUDGET = 1_200_000
 _KNOWN = 0.01  # of the largest size of a state: the least deviation that its start is given
 _THIRD = Exact(Fraction(1, 3))
@@ -72,11 +74,10 @@ def _together(run: Run, system: HybridSystem, plan: SimulationPlan, law: Samplin
     """
     if run.overall.stopped is not None:
         raise NoFilterError("The filter is not run beside a run that ends early.")
-    cost = _SET_UP + _SAMPLE * len(run.trajectories[0].t_k)
-    cost += run.steps * (_STEP if system.plant.intensity is None else _WHITE)
+    joint = beside(system, filter_of(system.plant, run, plan))
+    cost = _cost(joint, run)
     if cost > 2 * BUDGET:
         raise NoFilterError("The filter is not run beside: a run takes too many samples or steps.")
-    joint = beside(system, filter_of(system.plant, run, plan))
     runs: list[Trajectory] = []
     alone, most = replace(plan, runs=1), 4 * run.steps + 1000
     for number in range(max(1, min(SEEDS, BUDGET // cost))):
@@ -89,6 +90,23 @@ def _together(run: Run, system: HybridSystem, plan: SimulationPlan, law: Samplin
             raise NoFilterError(told)
         runs.append(one.trajectories[0])
     return runs
+
+
+def _cost(joint: HybridSystem, run: Run) -> int:
+    """Of one run, in microseconds or so."""
+    flow, jump = _nodes(joint.flow), _nodes(joint.observer.jump)
+    white = 0 if joint.plant.intensity is None else _WHITE
+    step, sample = white + _STEP[0] + _STEP[1] * flow, _SAMPLE[0] + _SAMPLE[1] * jump
+    set_up = _SET_UP[0] + _SET_UP[1] * (flow + jump)
+    return int(set_up + sample * len(run.trajectories[0].t_k) + step * run.steps)
+
+
+def _nodes(expressions: Sequence[Expression]) -> int:
+    """Different nodes in all of them."""
+    seen: set[Expression] = set()
+    for expression in expressions:
+        seen.update(expression.walk(seen))
+    return len(seen)
 
 
 def beside(system: HybridSystem, other: Observer) -> HybridSystem:

@@ -18,7 +18,7 @@ import numpy as np
 from cdobs_cli.arrays import Array, Integers
 from cdobs_cli.simulate.signals import Draws, Signals, factor
 
-PARTS = 16  # sub-steps of the longest period
+PARTS = 8  # sub-steps of the longest period
 _CHOSEN = 2000  # of the horizon, where the observer chooses its samples
 _ROUNDING = 1e-9
 
@@ -80,6 +80,6 @@ class Disturbance:
 
 
 def longest_sub_step(longest_period: float | None, horizon: float, max_steps: int) -> float:
-    """A sixteenth of the longest period (None: the observer chooses), or more where a run has too many samples."""
+    """An eighth of the longest period (None: the observer chooses), or more where a run has too many samples."""
     parts = _CHOSEN if longest_period is None else PARTS * horizon / longest_period
     return horizon / max(1.0, min(parts, max_steps / 2))
