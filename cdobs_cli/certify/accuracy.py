@@ -14,7 +14,6 @@ from cdobs_cli.certify.adversary import attained
 from cdobs_cli.certify.gains import Merit
 from cdobs_cli.certify.levels import Level
 from cdobs_cli.certify.methods.base import Method, Proof, Question, Reach
-from cdobs_cli.certify.methods.mean_square.aim import scales
 from cdobs_cli.certify.methods.mean_square.average import Average
 from cdobs_cli.certify.methods.mean_square.every_time import EveryTime
 from cdobs_cli.certify.methods.mean_square.signals import has_white
@@ -55,16 +54,15 @@ def sized(question: Question) -> list[Sized]:
     return list(least.values())
 
 
-def merit(weights: Sequence[float] | None) -> Merit:
+def merit(weights: Sequence[float]) -> Merit:
     """About how large the error of a question's gain stays under bounded signals: the weighted sum of the squares of
     what the solver says of each bound, nothing of it proved."""
     memory: dict[Any, Any] = {}  # rho and the corners that bind change little from gain to gain
 
     def of(question: Question) -> float | None:
         about = replace(question.with_effort(0), memory=memory)
-        weighed = [1 / float(scale) ** 2 for scale in scales(question)] if weights is None else weights
         total = 0.0
-        for i, weight in enumerate(weighed):
+        for i, weight in enumerate(weights):
             if weight:
                 guesses = (method.error_guess(about.of_state(i)) for method in METHODS if method.of_one_state)
                 known = [guess for guess in guesses if guess is not None]

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol
 
@@ -18,6 +19,7 @@ from cdobs_cli.certify.front import front
 from cdobs_cli.certify.gains import Candidate, GainSearch, NoDesignError
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.dead_beat import DeadBeat, EveryPeriod, resets
+from cdobs_cli.certify.methods.mean_square.aim import scales
 from cdobs_cli.certify.methods.open_loop import OpenLoop, Uncorrected
 from cdobs_cli.certify.methods.rung import Rung, fastest
 from cdobs_cli.certify.reasons import costliest, unreachable
@@ -164,11 +166,13 @@ class _Synthesis:
         closer = question.level > 0 and self.plant.has_bounded_signals
         return way.least_error(question, accuracy.merit(self._weights) if closer else None, self._weights)
 
-    @property
-    def _weights(self) -> tuple[float, ...] | None:
-        """Of each state, where they are typed."""
+    @cached_property
+    def _weights(self) -> tuple[float, ...]:
+        """Of each state: as typed, else 1 / scale^2 under the law that was typed, so that periods are weighed alike."""
         typed = self.card.weights
-        return None if typed is None else tuple(float(typed.get(name, 0)) for name in self.plant.states)
+        if typed is None:
+            return tuple(1 / float(scale) ** 2 for scale in scales(self.question))
+        return tuple(float(typed.get(name, 0)) for name in self.plant.states)
 
     def _longest_within(self, way: GainSearch) -> Candidate | None:
         """The gain of the longest period whose least error is small enough."""

@@ -247,9 +247,10 @@ def _witnesses(report: Report) -> Section:
             if first != claim.id:
                 blocks.append(Paragraph(f"{claim.id}: the same counterexample as {first}."))
                 continue
-            blocks += [Paragraph(f"{claim.id}: {witness_text(claim.witness)}"), *_arcs(claim.witness, report.labels)]
-            if claim.witness.data:
-                blocks.append(_data(claim.witness))
+            blocks.append(Paragraph(f"{claim.id}: {witness_text(claim.witness)}"))
+            if claim.witness.kind != "noise":  # that is a word of hundreds of numbers, for `simulate --witness`
+                blocks += _arcs(claim.witness, report.labels)
+                blocks += [_data(claim.witness)] if claim.witness.data else []
             blocks += [Picture(chart) for chart in report.charts if chart.name == witness_name(claim)]
             if claim.witness.kind in ("constant", "switching", "box", "noise"):
                 blocks.append(Listing((f"cdobs simulate {quote(report.spec_path)} --witness {claim.id}",)))
