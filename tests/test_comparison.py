@@ -16,7 +16,8 @@ from scipy.linalg import expm, solve_discrete_are
 from cdobs_cli import comparison
 from cdobs_cli.comparison import beside, compared, filter_of
 from cdobs_cli.errors import SpecError
-from cdobs_cli.exact.expression import Expression, Variable
+from cdobs_cli.exact.compiled import compile_floats
+from cdobs_cli.exact.expression import Expression, Number, Variable
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import parse
 from cdobs_cli.hybrid import HybridSystem, Observer
@@ -182,6 +183,36 @@ def test_a_bounded_disturbance_away_from_zero_is_known_in_the_mean() -> None:
     q, r = np.array([[0.25 / 3 * 0.2]]), np.array([[0.01 / 3]])
     expected = float(np.sqrt(average_of_riccati(np.array([[-1.0]]), np.array([[1.0]]), q, r, 0.2))[0])
     assert figures.rmse_ekf == pytest.approx(expected, rel=0.15) and figures.rmse > 0.3
+
+
+@pytest.mark.parametrize("law", [LAW, SamplingLaw("aperiodic", Exact("0.05"), Exact("0.4"))])
+def test_the_filter_is_told_the_moments_of_what_is_declared(law: SamplingLaw) -> None:
+    """xdot = -x + d, |d - 2| <= 0.5 held over T_k: Q = 0.5^2/3 sum T_k^2/sum T_k; |v - 1| <= 0.1: R = 0.1^2/3."""
+    boxes = {"disturbance": Box((Exact("1.5"),), (Exact("2.5"),)), "noise": Box((Exact("0.9"),), (Exact("1.1"),))}
+    system = loop(plant([["-1"]], [[1]], law, **boxes), [["0.5"]])
+    asked = plan("20", 1)
+    run = simulate(system, asked, law)
+    found = filter_of(system.plant, run, asked)
+    T = np.diff(run.trajectories[0].t_k)
+    assert found.start[1] == Number(1), "P(0) is the square of the initial error"
+    rates = compile_floats(found.flow, found.states, arrays=False)(0.3, 0.0)
+    assert rates == pytest.approx((2 - 0.3, 0.25 / 3 * (T @ T) / T.sum()), rel=1e-9)
+    P, R = 0.04, 0.01 / 3
+    after = compile_floats(found.jump, (*found.states, "y.0"), arrays=False)(0.3, P, 1.5)
+    assert after == pytest.approx((0.3 + P / (P + R) * (1.5 - 1 - 0.3), P * R / (P + R)), rel=1e-9)
+
+
+def test_a_start_that_is_typed_exactly_is_not_believed() -> None:
+    system = loop(plant(OSCILLATOR, [[1, 0]], covariance=R1), [["0.5"], ["0.3"]])
+    known = SimulationPlan(Exact(5), (Exact(1), Exact(0)), initial_estimate=(Exact(1), Exact(0)))
+    run = simulate(system, known, LAW)
+    sizes = np.abs(run.trajectories[0].x).max(axis=0)
+    P_0 = comparison._start(system.plant, run, known).floats
+    assert np.diag(P_0) == pytest.approx((0.01 * sizes) ** 2, rel=1e-9)
+    box = Box((Exact(-1), Exact(0)), (Exact(3), Exact(0)))
+    drawn = SimulationPlan(Exact(5), initial_box=box, initial_estimate=(Exact(0), Exact(0)))
+    P_0 = comparison._start(system.plant, simulate(system, drawn, LAW), drawn).floats
+    assert P_0[0, 0] == pytest.approx(4**2 / 12 + 1, rel=1e-9), "of the box, and of its middle from the estimate"
 
 
 def test_both_see_the_same_plant_and_measurements() -> None:
