@@ -1,43 +1,37 @@
 """The error bound of one state where samples may follow one another as fast as one likes (T_min = 0, or T_min far
 below T_max): the noise of the last sample as an input of the flow.
 
-A sample that adds nu v^2 to a function of the error adds without end where samples have no least distance. But if J
-erases what it does not keep, each sample also erases the noise of the one before. In a basis e = S y in which
+A sample that adds nu v^2 to a function of the error adds without end where samples have no least distance. Instead the
+error is shifted by what noise has left in it (`split`), in a basis e = S y with
 
-    S^-1 J S = diag(I, 0),    S^-1 G = [0; G_w],
+    S^-1 J S = diag(I, j),    S^-1 G = [0; G_w],    x = y - H s_k,
 
-shift what is erased by the noise that the last sample left there, x = y - [0; G_w] v_k. Then, v_k constant from t_k on,
+H s_k constant from t_k on, |s_kj| <= s0_j. Then x+ = diag(I, j) x, xdot = A x + [S^-1 B, A H] (d, s_k), A = S^-1 A_i S,
+and no sample adds anything. If at all corners, mu constant on each piece,
 
-    x+ = diag(I, 0) x,    xdot = A x + [S^-1 B, A [0; G_w]] (d, v_k)    with A = S^-1 A_i S,
+    [[-(P' + P A + A'P + 2 sigma P), -P [S^-1 B, A H]], [., mu]] > 0    on [0, T_max],            (flow)
+    P(tau) - diag(I, j)' P(0) diag(I, j) >= 0                            on [T_min, T_max],        (jump)
+    [[P(tau) - z z', -z g'], [., nu - g g']] > 0                         on [0, T_max],            (target)
 
-and no sample adds anything. If at all corners, mu > 0 constant on each piece,
+with the error looked at z'x + g's_k, z' = S's row i and g' = z'H, then x'P x grows at no sample and by at most
+c - 2 sigma x'P x per time between them, c the largest of sum_j mu_j u0_j^2 over the pieces, u0 = (d0, s0), and
 
-    [[-(P' + P A + A'P + 2 sigma P), -P [S^-1 B, A [0; G_w]]], [., mu]] > 0    on [0, T_max],         (flow)
-    P(tau) - diag(I, 0) P(0) diag(I, 0) >= 0                                  on [T_min, T_max],       (jump)
-    [[P(tau) - z z', -z g'], [., nu - g g']] > 0                              on [0, T_max],           (target)
+    limsup (z'x + g's_k)^2 <= c / (2 sigma) + sum_j nu_j s0_j^2.
 
-with the error looked at z'x + g'v_k (z' = e_i' S, g' = z'[0; G_w]), then x'P x grows at no sample and by at most
-c - 2 sigma x'P x between samples, c the largest of sum_j mu_j u0_j^2 over the pieces, u0 = (d0, v0), and
-
-    limsup (z'x + g'v_k)^2 <= c / (2 sigma) + sum_j nu_j v0_j^2.
-
-From a known error before the first sample x is diag(I, 0) S^-1 e after it, and for all time from there the larger of
+From a known error before the first sample x is diag(I, j) S^-1 e after it, and for all time from there the larger of
 x'P(0)x and c / (2 sigma) takes the place of the latter.
 
-From T_min = 0 the jump is singular at tau = 0: there P(0) = diag(P_11, Q) exactly, which leaves diag(0, Q), Q > 0.
-Without noise there is nothing to shift, and J = diag(I, j) serves with Q - j'Q j > 0, as in the clock certificate.
-A hold is in this basis as it stands, g = 0. A correction with C K = I has y = (.., C e), G_w = I and g' = K's row i;
-one with C K != I keeps a part of old noise at every sample, and has no such basis.
+From T_min = 0 the jump is singular at tau = 0: there P(0) = diag(P_11, Q) exactly, which leaves diag(0, Q - j'Q j), and
+Q - j'Q j > 0, as in the clock certificate.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-import numpy as np
 from flint import arb
 
 from cdobs_cli.certify.definite import has_positive_pivots
@@ -45,16 +39,12 @@ from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Rea
 from cdobs_cli.certify.methods.clock.certificate import is_small, split_basis
 from cdobs_cli.certify.methods.clock.form import (
     Shape,
-    erases_the_rest,
     flow_coefficients,
-    in_basis,
     jump_gap,
-    kept_states,
 )
 from cdobs_cli.certify.methods.peak.chain import diagonal, is_well_cut, scalars, weighted
 from cdobs_cli.certify.methods.peak.form import flow_block, offset_target_block
-from cdobs_cli.certify.methods.peak.signals import Signals, exact_signals
-from cdobs_cli.certify.methods.peak.start import first_vertices
+from cdobs_cli.certify.methods.peak.split import Split, split_error
 from cdobs_cli.certify.methods.peak.state import (
     before_first_sample,
     holds_from,
@@ -66,13 +56,11 @@ from cdobs_cli.certify.methods.peak.state import (
 )
 from cdobs_cli.certify.texts import rate_of, rationals, symmetric_from_upper
 from cdobs_cli.codec import OPTIONAL
-from cdobs_cli.exact.matrix import Matrix, block
+from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import decimal_text, fraction_text
-from cdobs_cli.hybrid import ErrorMaps
 from cdobs_cli.plant import Box, Plant
 
 if TYPE_CHECKING:
-    from cdobs_cli.arrays import Array
     from cdobs_cli.certify.methods.peak.from_zero_search import Found
 
 _DIGITS = 13
@@ -143,17 +131,14 @@ class PeakFromZero(Method):
         from cdobs_cli.certify.methods.peak.from_zero_search import proposals
 
         S = split_basis(question.inclusion)
-        split = None if S is None else _split(question, Matrix.from_rows(S))
+        split = None if S is None else split_error(question, Matrix.from_rows(S))
         if S is None or split is None:
             return
-        first: Array | None = None
-        if question.start is not None:
-            vertices = split.first_vertices(question.start)
-            if vertices is None:
-                return
-            first = np.array([x.floats[:, 0] for x in vertices])
+        vertices = [] if question.start is None else split.first_vertices(question.start)
+        if vertices is None:
+            return
         texts = [[fraction_text(value) for value in row] for row in S]
-        yield from ((found, texts) for found in proposals(question, i, np.array(S, dtype=float), first))
+        yield from ((found, texts) for found in proposals(question, i, split, vertices))
 
     @cached_property
     def shape(self) -> Shape:
@@ -170,7 +155,7 @@ class PeakFromZero(Method):
 
     def _prove(self, question: Question) -> Proof:
         law, shape, sigma = self.law, self.shape, Matrix.from_rows([[rate_of(self.sigma)]])[0, 0]
-        split = _split(question, rationals(self.basis)) if self.applies(question) else None
+        split = split_error(question, rationals(self.basis)) if self.applies(question) else None
         if split is None or not sigma > 0:
             return NOTHING
         if law.T_max.sign() != 1 or not is_well_cut(shape, law.from_zero, law.is_periodic):
@@ -200,7 +185,7 @@ class PeakFromZero(Method):
             return NOTHING
         for x in first:
             largest = largest.max(arb((x.T @ P[0] @ x)[0, 0]))
-        error = (largest + arb(weighted(nu, split.v0 if nu else ()))).sqrt()
+        error = (largest + arb(weighted(nu, split.s0 if nu else ()))).sqrt()
         return Proof(True, error=error if start is None else error.max(before_first_sample(start, i)))
 
     def _blocks(
@@ -219,63 +204,3 @@ class PeakFromZero(Method):
             weight = diagonal(mu[piece]) * lengths[piece]
             for A, B in corners:
                 yield flow_block(slope, value, A, B, weight, sigma)
-
-
-@dataclass(frozen=True)
-class Split:
-    """The error in the basis: maps with jump = diag(I, 0) on `kept`, B (N, q), G = [0; G_w] (N, p), S (N, N)."""
-
-    maps: ErrorMaps[Matrix]
-    kept: list[int]
-    B: Matrix
-    G: Matrix
-    S: Matrix
-    d0: tuple[Any, ...]
-    v0: tuple[Any, ...]
-
-    @property
-    def sizes(self) -> tuple[Any, ...]:
-        """u0 = (d0, v0)."""
-        return (*self.d0, *self.v0)
-
-    def inputs(self, A: Matrix) -> Matrix:
-        """[B, A G]: how (d, v_k) enters."""
-        return block([[self.B, A @ self.G]])
-
-    def target(self, i: int) -> tuple[Matrix, Matrix]:
-        """z and g of state i; g of no rows where it is 0."""
-        z = self.S[[i], :].T
-        g = self.G.T @ z
-        return z, g[[], :] if all(row[0] == 0 for row in g.tolist()) else g
-
-    def first_vertices(self, start: Box) -> list[Matrix] | None:
-        """The corners of x just after the first sample, from errors in this box before it."""
-        none = Signals(self.B, self.G[:, []], self.d0, ())  # the noise of that sample is what x is shifted by
-        jump = self.S @ self.maps.jump @ self.S.inverse()
-        vertices = first_vertices(replace(self.maps, jump=jump), none, start)
-        return None if vertices is None else [self.S.inverse() @ e for e in vertices]
-
-    def begins_apart(self, P_0: Matrix) -> bool:
-        """P(0) = diag(P_11, Q) exactly, and Q - j'Q j > 0 for J = diag(I, j)."""
-        lost = [i for i in range(P_0.shape[0]) if i not in self.kept]
-        if any(P_0[i, j] != 0 for i in self.kept for j in lost):
-            return False
-        Q = P_0[lost, lost]
-        return not lost or has_positive_pivots(jump_gap(Q, Q, self.maps.jump[lost, lost]).balls())
-
-
-def _split(question: Question, S: Matrix) -> Split | None:
-    """The error in this basis, or None where it does not split: J = diag(I, 0) exactly, and noise enters only what J
-    erases; without noise J = diag(I, j) is enough."""
-    inclusion = question.inclusion
-    if S.shape != inclusion.balls.base.shape:
-        return None
-    back, signals = S.inverse(), exact_signals(inclusion)
-    maps = in_basis(inclusion.balls, S, back)
-    kept = kept_states(maps.jump)
-    G = back @ signals.G
-    if not all(value == 0 for row in G[kept, :].tolist() for value in row):
-        return None
-    if signals.v0 and not erases_the_rest(maps.jump, kept):
-        return None
-    return Split(maps, kept, back @ signals.B, G, S, signals.d0, signals.v0)

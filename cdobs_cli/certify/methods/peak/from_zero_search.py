@@ -11,14 +11,17 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from flint import arb
 
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.form import Shape, in_basis, jump_gap
 from cdobs_cli.certify.methods.peak.cones import Rows, Svec
 from cdobs_cli.certify.methods.peak.flows import Cut, Flows, coefficients
 from cdobs_cli.certify.methods.peak.form import offset_target_block
-from cdobs_cli.certify.methods.peak.sizes import float_signals, signal_sizes, sizes
+from cdobs_cli.certify.methods.peak.sizes import float_signals, sizes
+from cdobs_cli.certify.methods.peak.split import Split
 from cdobs_cli.certify.texts import upper_texts
+from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import decimal_text
 from cdobs_cli.hybrid import ErrorMaps
 
@@ -47,43 +50,42 @@ class Found:
     nu: list[str]
 
 
-def proposals(question: Question, i: int, S: Array, first: Array | None) -> Iterator[Found]:
-    """The least bound met for the error of state i, in the basis S; again with more room where it is not proved.
+def proposals(question: Question, i: int, split: Split, first: list[Matrix]) -> Iterator[Found]:
+    """The least bound met for the error of state i; again with more room where it is not proved.
 
     Args:
-        first: (V, N), what the shifted error may be just after the first sample, where a transient is asked for.
+        first: what the shifted error may be just after the first sample, where a transient is asked for; else empty.
     """
-    law, maps = question.law, question.inclusion.floats
-    T = float(law.T_max)
+    law, S, T = question.law, split.S.floats, float(question.law.T_max)
     B, G = float_signals(question.inclusion)
-    sized = sizes(maps, B, G, sorted({max(float(law.T_min), T * _SHORT), T}))
+    sized = sizes(question.inclusion.floats, B, G, sorted({max(float(law.T_min), T * _SHORT), T}))
     if sized is None or not sized.radius < 1:
         return
-    back = np.linalg.inv(S)
     # Of what is shifted: what signals do to the coordinates of the basis, of the errors' own size.
-    scale = np.abs(back) @ sized.errors
-    if first is not None:
-        scale = np.maximum(scale, np.abs(first).max(axis=0))
+    scale = np.abs(np.linalg.inv(S)) @ sized.errors
+    vertices = np.array([x.floats[:, 0] for x in first]) if first else None
+    if vertices is not None:
+        scale = np.maximum(scale, np.abs(vertices).max(axis=0))
     scale = np.array([2.0 ** round(np.log2(x)) if x > 0 else 1.0 for x in scale])
+    d0, s0 = (np.array([float(arb(size).mid()) for size in sizes]) for sizes in (split.d0, split.s0))
+    B, H = split.B.floats * d0 / scale[:, None], split.H.floats * s0 / scale[:, None]
     change = S * scale
-    maps = in_basis(maps, change, np.linalg.inv(change))
+    maps = in_basis(question.inclusion.floats, change, np.linalg.inv(change))
     unit_time = maps.mapped(lambda flow: flow * T, lambda J: np.round(J, 9))
     reach = float(np.abs(change[i]).max())
     size = 2.0 ** round(np.log2(reach)) if reach > 0 else 1.0
     m, share = _PIECES[question.level], float(law.T_min) / T
     before = max(1, round(m * share)) if share else 0
     shape = Shape(_DEGREE, _ELEVATED, before, max(1, m - before))
-    into = np.linalg.inv(change)
     for eps in _ROOM:
-        search = _Search(
-            unit_time, into @ B * T, into @ G, change[[i]].T / size, shape, share, eps,
-            question.memory.setdefault(("peak from zero", shape), set()), None if first is None else first / scale,
-        )  # fmt: skip
+        cuts = question.memory.setdefault(("peak from zero", shape), set())
+        first_scaled = None if vertices is None else vertices / scale
+        search = _Search(unit_time, B * T, H, change[[i]].T / size, shape, share, eps, cuts, first_scaled)
         met = _scanned(search, sized.rate * T, question)
         if met is None:
             return
         sigma, x = met
-        yield search.written(x, sigma, size, scale, signal_sizes(question.inclusion), T)
+        yield search.written(x, sigma, size, scale, (d0, s0), T)
 
 
 def _scanned(search: _Search, rate: float, question: Question) -> tuple[float, Array] | None:
@@ -114,11 +116,11 @@ def _scanned(search: _Search, rate: float, question: Question) -> tuple[float, A
 
 @dataclass
 class _Search:
-    """In scaled coordinates of the basis: B, G for unit signals, z (N, 1) the error looked at over its size."""
+    """In scaled coordinates of the basis: B, H for unit signals, z (N, 1) the error looked at over its size."""
 
     maps: ErrorMaps[Array]
     B: Array
-    G: Array
+    H: Array
     z: Array
     shape: Shape
     T_min: float
@@ -128,8 +130,8 @@ class _Search:
 
     @cached_property
     def g(self) -> Array:
-        """(p, 1), of no rows where it is 0."""
-        g = self.G.T @ self.z
+        """(m, 1), of no rows where it is 0."""
+        g = self.H.T @ self.z
         return g if np.abs(g).max(initial=0.0) > 1e-12 else g[:0]
 
     @cached_property
@@ -142,7 +144,7 @@ class _Search:
 
     @property
     def _q(self) -> int:
-        return int(self.B.shape[1] + self.G.shape[1])
+        return int(self.B.shape[1] + self.H.shape[1])
 
     @cached_property
     def _starts(self) -> tuple[int, int, int]:
@@ -173,7 +175,7 @@ class _Search:
     def least(self, sigma: float) -> Array | None:
         """The unknowns of least b^2 for this sigma."""
         A = np.array(list(self.maps.corners()))
-        into = A @ self.G
+        into = A @ self.H
         B = np.concatenate([np.broadcast_to(self.B, (len(A), *self.B.shape)), into], axis=2)
         mu, *_ = self._starts
         every = coefficients(self.shape, self.lengths, 0, self._svec.length, mu, self._q)
