@@ -14,6 +14,8 @@ ClaimKind = Literal["premise", "assumption", "certificate", "consequence", "prin
 About = Literal["class", "plant"]
 Better = Literal["more", "less"]
 CONVERGENCE = "convergence"  # the claim that the verdict is about
+ERROR_BOUNDED = "error_bounded"  # and, where disturbance or noise is declared, this one
+UNDER_NOISE = "estimate_under_noise"  # the premise of that one: the estimate stays where the slopes hold
 
 
 def status_of(holds: bool) -> Status:
@@ -32,7 +34,7 @@ class Witness(Noun):
     period as text. `about`: does it defeat the class of slopes, or the typed plant?
     """
 
-    kind: Literal["constant", "switching", "vector", "point", "box"]
+    kind: Literal["constant", "switching", "vector", "point", "box", "noise"]
     about: About = field(metadata={KEY: "class"})
     times: tuple[str, ...] = ()
     values: tuple[tuple[str, ...], ...] = ()

@@ -12,8 +12,8 @@ from cdobs_cli.certificate import Bound
 # limit: a horizontal line at y[0] over the whole panel; mark: a vertical line at x[0] over the whole panel.
 SeriesKind = Literal["line", "steps", "points", "stems", "band", "limit", "mark"]
 # truth: what really is; estimate: what the observer says; proved: a proved bound; refuted: a counterexample;
-# measured: data at samples; other: anything else (the next free colour).
-Role = Literal["truth", "estimate", "proved", "refuted", "measured", "other"]
+# measured: data at samples; beside: what is compared with, drawn thin; other: anything else (the next free colour).
+Role = Literal["truth", "estimate", "proved", "refuted", "measured", "beside", "other"]
 
 
 @dataclass(frozen=True)
@@ -30,13 +30,15 @@ class Series:
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes; labels are plain text with `$..$` for mathematics."""
+    """One pair of axes; labels are plain text with `$..$` for mathematics. y_range: what is looked at of it, where
+    that is not all."""
 
     x_label: str
     y_label: str
     series: tuple[Series, ...]
     y_scale: Literal["linear", "log"] = "linear"
     x_scale: Literal["linear", "log"] = "linear"
+    y_range: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)

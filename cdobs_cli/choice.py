@@ -7,6 +7,8 @@ give equal choices.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
+from statistics import geometric_mean
 from typing import Any
 
 from cdobs_cli.certificate import Bound, Check
@@ -21,7 +23,8 @@ _PERIODS = ("period_max", "guaranteed_period", "positivity_period_max")
 
 @dataclass(frozen=True)
 class Trial:
-    """What a family did at effort 0; verdict None where it was not tried."""
+    """What a family did at effort 0; verdict None where it was not tried. error: the geometric mean over the states of
+    what is proved of the error under the declared noise and disturbance."""
 
     family: str
     outcome: str
@@ -29,16 +32,23 @@ class Trial:
     period: str | None = None
     rate: str | None = None
     reason: str | None = None
+    error: float | None = None
 
     @property
     def proved(self) -> bool:
         return self.verdict == "proved"
 
-    def merit(self, objective: str) -> tuple[bool, bool, float, float]:
+    def merit(self, objective: str) -> tuple[bool, bool, bool, float, float]:
         """A larger one is better: proved first, then any design, then the objective, then the other figure."""
         period, rate = (-1.0 if text is None else _number(text) for text in (self.period, self.rate))
         figures = (period, rate) if objective == "max_period" or not self.proved else (rate, period)
-        return (self.proved, self.outcome != "none", *figures)
+        if self.error is not None and self.by_error(objective):
+            figures = (-self.error, rate)
+        return (self.proved, self.outcome != "none", self.by_error(objective), *figures)
+
+    def by_error(self, objective: str) -> bool:
+        """Whether its error is what counts."""
+        return self.proved and self.error is not None and objective in ("given_period", "min_error")
 
 
 def chosen_design(spec: Spec, effort: int) -> tuple[Spec, Design]:
@@ -66,7 +76,14 @@ def _trial(spec: Spec) -> tuple[Trial, Design | None]:
     design = new_design(spec, 0)
     check = certify(spec, design, 0)
     return Trial(name, design.outcome, check.verdict, _period(design, check), _proved(check, "decay_rate"),
-                 design.reason), design  # fmt: skip
+                 design.reason, _mean_error(spec, check)), design  # fmt: skip
+
+
+def _mean_error(spec: Spec, check: Check) -> float | None:
+    names = [(f"error.{state}", f"rms.{state}") for state in spec.plant.states]
+    proved = [next((one for one in map(partial(_proved, check), pair) if one is not None), None) for pair in names]
+    sizes = [_number(one) for one in proved if one is not None]
+    return geometric_mean(sizes) if len(sizes) == spec.plant.n else None
 
 
 def size(spec: Spec) -> int:
@@ -96,8 +113,9 @@ def _row(trial: Trial, best: Trial, objective: str, *, alone: bool) -> dict[str,
 
 def _why(trial: Trial, best: Trial, objective: str, *, alone: bool) -> str:
     """In a line."""
-    by_rate = objective != "max_period" and best.proved and best.rate is not None
-    what = "the largest decay rate" if by_rate else "the longest period"
+    by_error = best.by_error(objective)
+    by_rate = not by_error and objective != "max_period" and best.proved and best.rate is not None
+    what = "the least error" if by_error else "the largest decay rate" if by_rate else "the longest period"
     if trial is best:
         if alone:
             return "chosen: the only family that takes plant and law"
@@ -110,6 +128,8 @@ def _why(trial: Trial, best: Trial, objective: str, *, alone: bool) -> str:
         return trial.reason or "no design"
     if not trial.proved:
         return f"{trial.verdict} at effort 0"
+    if by_error:
+        return "proved, with larger errors" if trial.error is not None else "proved, and its error is not"
     return "proved, with a smaller decay rate" if by_rate and trial.rate != best.rate else "proved, and no better"
 
 

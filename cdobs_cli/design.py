@@ -63,13 +63,25 @@ class Confinement(Noun):
 
 
 @dataclass(frozen=True)
+class FrontPoint(Noun):
+    """What a gain of its own reaches at one (largest) period, each number proved when it was found: the decay rate; by
+    state the error under the declared noise and disturbance (its root mean square where they are white)."""
+
+    period: str
+    rate: str | None
+    error: Mapping[str, str]
+    gain: Mapping[str, ExactMatrix]
+
+
+@dataclass(frozen=True)
 class Design(Artefact):
     """What `synthesize` made.
 
     gain: matrices by their paper letter (scalars are 1 x 1), exact decimals. slopes: bounds found for
     entries declared `auto`, {"i.j": [lower, upper]}. reason: why there is no design, with outcome `none`,
     or why it falls short of what was asked, with `short`.
-    details: what a family wants to keep for its report (plain JSON).
+    front: what other periods are worth, by increasing period. details: what a family wants to keep for its report
+    (plain JSON).
     """
 
     family: str
@@ -82,6 +94,7 @@ class Design(Artefact):
     slopes: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     details: Mapping[str, Any] = field(default_factory=dict)
     estimate: Confinement = Confinement()
+    front: tuple[FrontPoint, ...] = ()
     digests: Mapping[str, str] = field(default_factory=dict)
 
     @property

@@ -338,7 +338,7 @@ class HybridSystem:
     def measurement(self) -> tuple[Expression, ...]:
         """y_k = C x or h(x, u) (+ v): over states, inputs and `v.0`, `v.1`, .."""
         rows = self.plant.outputs()
-        if self.plant.noise is None:
+        if not self.plant.is_noisy:
             return rows
         return tuple(row + Variable(f"v.{k}") for k, row in enumerate(rows))
 

@@ -14,6 +14,7 @@ from cdobs_cli.chart import Chart, Exhibits, Panel, Table
 from cdobs_cli.design import Design
 
 SECONDS = "s"
+OF_STATES = ("error", "error_transient", "rms")  # bounds `name.<state>` in the unit of the state
 _NUMBER = r"\d[\d.eE+/-]*(?<![.,])"
 # Behind which words a sentence tells a period, or a rate.
 _TOLD = (
@@ -21,7 +22,7 @@ _TOLD = (
     "|period with a proof is|period found is|period reached is about|T_k =|T_k in|Tbar =|T ="
 )
 _PERIOD = re.compile(rf"\b((?:{_TOLD}) (?:{_NUMBER}|\[{_NUMBER}, {_NUMBER}\]))(?![\w\[])")
-_RATE = re.compile(rf"\b(at the rate {_NUMBER})(?![\w\[])")
+_RATE = re.compile(rf"\b((?:at the rate|keeps the rate|decays at) {_NUMBER})(?![\w\[])")
 
 
 @dataclass(frozen=True)
@@ -48,8 +49,13 @@ class Labels:
     def bounds(self, check: Check) -> Check:
         """The bounds in the unit of time, from whatever unit they were in."""
         known = check.time_unit or SECONDS
-        bounds = {name: replace(one, unit=self.unit(one.unit, known)) for name, one in check.bounds.items()}
+        bounds = {name: replace(one, unit=self._of_bound(name, one, known)) for name, one in check.bounds.items()}
         return replace(check, bounds=bounds, time_unit="" if self.time == SECONDS else self.time)
+
+    def _of_bound(self, name: str, bound: Bound, known: str) -> str:
+        """Of an error's bound the unit of its state."""
+        head, _, state = name.partition(".")
+        return self.states.get(state, "") if head in OF_STATES else self.unit(bound.unit, known)
 
     def check(self, check: Check) -> Check:
         """As it is shown: bounds, sentences, and what bounds are about."""

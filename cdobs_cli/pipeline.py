@@ -208,10 +208,12 @@ def _damaged(work: Work, name: str) -> ArtefactError:
 
 
 def _new_run(work: Work, design: Design) -> Run:
+    from cdobs_cli.comparison import compared
     from cdobs_cli.simulate.engine import simulate as engine
 
     assert work.spec.simulation is not None
-    return engine(system_of(work.spec, design), work.spec.simulation, design.sampling)
+    loop = system_of(work.spec, design), work.spec.simulation, design.sampling
+    return compared(engine(*loop), *loop)
 
 
 def _write_run(work: Work, design: Design, run: Run) -> dict[str, Any]:
@@ -249,19 +251,23 @@ def replay(work: Work, identifier: str) -> dict[str, Any]:
         told = ", ".join(one.id for one in proved.claims if one.witness is not None) or "none"
         raise UsageError(f"{work.spec.source_path}: no counterexample to {identifier!r}; claims that have one: {told}")
     from cdobs_cli.report.files import figures
-    from cdobs_cli.report.replays import crossing_chart, replay_chart
+    from cdobs_cli.report.replays import attained_chart, crossing_chart, replay_chart
     from cdobs_cli.report.witnesses import witness_name
     from cdobs_cli.simulate.archive import packed
+    from cdobs_cli.simulate.attained import AttainedReplay, replay_attained
     from cdobs_cli.simulate.box import BoxReplay, replay_box
     from cdobs_cli.simulate.witness import Replay
     from cdobs_cli.simulate.witness import replay as run_witness
 
     design, observer = synthesize(work), work.spec.observer
     name, plant = f"{witness_name(claim)}_run", plant_of(work.spec, design)
-    again: Replay | BoxReplay
+    again: Replay | BoxReplay | AttainedReplay
     if claim.witness.kind == "box":
         again = replay_box(HybridSystem(plant, observer.observer(plant, design)), design.sampling, claim.witness)
         chart = crossing_chart(name, identifier, plant.states, again.arrays())
+    elif claim.witness.kind == "noise":
+        again = replay_attained(observer.inclusion(plant, design.gain), claim.witness)
+        chart = attained_chart(name, identifier, plant.states[again.state], again.state, again.arrays(), again.entries)
     else:
         again = run_witness(observer.inclusion(plant, design.gain), claim.witness)
         chart = replay_chart(name, identifier, again.arrays(), again.entries)

@@ -209,9 +209,30 @@ class Plant:
         return self.C.shape[0]
 
     @property
+    def is_disturbed(self) -> bool:
+        """Whether a disturbance is declared, bounded or white."""
+        return self.disturbance is not None or self.intensity is not None
+
+    @property
+    def is_noisy(self) -> bool:
+        """Whether measurement noise is declared, bounded or of a covariance."""
+        return self.noise is not None or self.covariance is not None
+
+    @property
+    def is_perturbed(self) -> bool:
+        """Whether anything is declared that acts on the error: a disturbance or noise of any kind."""
+        return self.is_disturbed or self.is_noisy
+
+    @property
     def functions(self) -> tuple[Expression, ...]:
         """What must have a value all over the domain: phi, and h where it is known."""
         return (*self.phi, *(self.h or ()))
+
+    @property
+    def has_bounded_signals(self) -> bool:
+        """Whether disturbance or noise is declared, and all that is declared is bounded."""
+        declared = self.disturbance is not None or self.noise is not None
+        return declared and self.intensity is None and self.covariance is None
 
     @property
     def output_quantities(self) -> tuple[Quantity, ...]:
@@ -344,7 +365,7 @@ class Plant:
         if self.B is not None:
             inputs = [Variable(source.name) for source in self.inputs]
             rows = [sum(weighted(self.B, i, inputs), row) for i, row in enumerate(rows)]
-        if disturbed and self.disturbance is not None:
+        if disturbed and self.is_disturbed:
             rows = [row + Variable(f"d.{i}") for i, row in enumerate(rows)]
         return tuple(rows)
 

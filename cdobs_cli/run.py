@@ -25,7 +25,8 @@ class SimulationPlan:
     """The `simulation` block: one run from `initial_state`, or `runs` of them from `initial_box`.
 
     signals: expressions of `t` by name (inputs; `d.0`.. disturbances; `v.0`.. noise at samples); those of inputs may
-    also read the estimate `hat.<state>` and the last measurement `y.0`, .. (feedback).
+    also read the estimate `hat.<state>` and the last measurement `y.0`, .. (feedback). Without any `d.i` (`v.k`) the
+    disturbance (the noise) is drawn within what the plant declares.
     sampling_times: expression of `t` giving T_k at t_k = t; None: the design's law.
     """
 
@@ -89,13 +90,17 @@ class Departure(Noun):
 
 @dataclass(frozen=True)
 class RunSummary(Noun):
-    """The figures of one run, as in `simulation.json`; of all runs, the earliest departure."""
+    """The figures of one run, as in `simulation.json`; of all runs, the earliest departure.
+
+    rmse: of each state's error, over the whole run; rmse_after_transient: over its second half.
+    """
 
     measurements: int
     period_min: float | None
     period_max: float | None
     error_final: float | None
     rmse: Mapping[str, float]
+    rmse_after_transient: Mapping[str, float]
     inclusion_margin: float | None
     diverged: bool
     left_domain: bool
@@ -104,16 +109,48 @@ class RunSummary(Noun):
 
 
 @dataclass(frozen=True)
+class Compared(Noun):
+    """Root mean square errors of one state after the transient: of the observer, and of the filter beside it."""
+
+    rmse: float
+    rmse_ekf: float | None
+
+
+@dataclass(frozen=True)
+class Comparison(Noun):
+    """The observer beside the extended Kalman filter on the same measurements, over runs number 0 to seeds - 1.
+
+    reason: why there is no filter, or none that came to an end.
+    """
+
+    seeds: int
+    states: Mapping[str, Compared]
+    reason: str | None = None
+
+
+@dataclass(frozen=True)
+class Filtered:
+    """The error of the filter beside the observer in run 0: t (N,), error (N, n)."""
+
+    t: NDArray[np.float64]
+    error: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
 class Run:
-    """All runs of one simulation."""
+    """All runs of one simulation; steps: of the integration, of the run that took most (not stored)."""
 
     trajectories: tuple[Trajectory, ...]
     summaries: tuple[RunSummary, ...]
     overall: RunSummary
     digests: Mapping[str, str] = field(default_factory=dict)
+    comparison: Comparison | None = None
+    filtered: Filtered | None = None
+    steps: int = 0
 
     def document(self) -> dict[str, Any]:
+        compared = {} if self.comparison is None else {"comparison": self.comparison.document()}
         return {
             "schema_version": 1, "runs": [summary.document() for summary in self.summaries],
-            "overall": self.overall.document(), "digests": dict(self.digests),
+            "overall": self.overall.document(), **compared, "digests": dict(self.digests),
         }  # fmt: skip

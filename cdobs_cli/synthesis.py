@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from flint import arb
 
-from cdobs_cli.bounds.estimate import before_the_first_sample
+from cdobs_cli.bounds.estimate import before_the_first_sample, symmetric
 from cdobs_cli.bounds.joint import joint_slopes
 from cdobs_cli.bounds.slopes import is_shared, resolve, to_be_found, unbounded_claims, with_found
 from cdobs_cli.certificate import CONVERGENCE, Check, Claim
@@ -26,8 +26,13 @@ _PART = Exact("1/256")
 
 
 def initial_errors(spec: Spec) -> Box | None:
-    """The typed x_hat(0) - x(0), where the estimate may have to be shown to stay near the domain."""
-    if spec.simulation is None or not spec.plant.domain or getattr(spec.observer, "saturate", True) is True:
+    """The typed x_hat(0) - x(0), where the estimate may have to be shown to stay near the domain, or an error from
+    there is to be bounded."""
+    saturate = getattr(spec.observer, "saturate", None)
+    if spec.simulation is None or saturate is None:
+        return None
+    bounded = spec.plant.noise is not None or spec.plant.disturbance is not None
+    if not bounded and (not spec.plant.domain or saturate is True):
         return None
     return spec.simulation.initial_errors(spec.plant.n)
 
@@ -46,9 +51,21 @@ def system_of(spec: Spec, design: Design) -> HybridSystem:
 
 
 def new_design(spec: Spec, effort: int) -> Design:
-    """A design. Where automatic slopes share functions: the one whose entries move together, if its estimate is shown
-    to stay for the typed initial errors; else the better of that one, for initial errors of its own, and of the one
-    whose entries move by themselves, which the continuation serves."""
+    """A design, with what is worth knowing of it."""
+    from cdobs_cli.certify.lmi import solver_log, summary
+
+    with solver_log() as records:
+        design = _kept(spec, effort)
+        finished = (
+            design if design.outcome == "none" else spec.observer.finished(plant_of(spec, design), design, effort)
+        )
+    return replace(finished, solver=summary(records))
+
+
+def _kept(spec: Spec, effort: int) -> Design:
+    """The design that is kept. Where automatic slopes share functions: the one whose entries move together, if its
+    estimate is shown to stay for the typed initial errors; else the better of that one, for initial errors of its own,
+    and of the one whose entries move by themselves, which the continuation serves."""
     plant = spec.plant
     if not plant.is_to_be_found:
         return _design_over(plant, spec, effort)
@@ -60,7 +77,7 @@ def new_design(spec: Spec, effort: int) -> Design:
     apart = _apart(spec, effort)
     if together is None:
         return apart
-    if _serves(apart) and not (_serves(together) and _says_more(spec, together, apart)):
+    if _reaches(spec, apart) and not (_serves(together) and _says_more(spec, together, apart)):
         return apart
     # Where neither serves, what is said is said of the smaller class.
     return together
@@ -68,6 +85,13 @@ def new_design(spec: Spec, effort: int) -> Design:
 
 def _serves(design: Design) -> bool:
     return design.outcome != "none" and design.estimate.way != "open"
+
+
+def _reaches(spec: Spec, design: Design) -> bool:
+    """Whether it serves, and does what was asked, or at least converges under the law that was."""
+    if not _serves(design) or design.outcome != "short":
+        return _serves(design)
+    return spec.observer.certify(plant_of(spec, design), design, 0).verdict == "proved"
 
 
 def _holds_from_start(spec: Spec, design: Design) -> bool:
@@ -130,28 +154,35 @@ def _apart(spec: Spec, effort: int) -> Design:
 
 def _design_over(region: Plant, spec: Spec, effort: int, *, together: bool = False) -> Design:
     """A design, its automatic slopes found over the domain of `region`, with what the solver was asked for it."""
-    from cdobs_cli.certify.lmi import solver_log, summary
+    from cdobs_cli.certify.lmi import ran_out, solver_log
 
     plant, observer = spec.plant, spec.observer
     slopes: dict[str, tuple[str, str]] = {}
     if plant.is_to_be_found:
-        resolved, slopes = resolve(region, together=together)
+        resolved, slopes = resolve(plant, together=together, over=region)
         if resolved.is_to_be_found:
             reason = "; ".join(claim.statement for claim in unbounded_claims(resolved))
             return Design(observer.name, "none", plant.sampling, {}, reason=reason)
         plant = with_found(plant, slopes)
     with solver_log() as records:
         design = observer.synthesize(plant, effort)
-    design = replace(design, slopes=slopes, solver=summary(records))
+    lost = ran_out(records) if design.outcome in ("none", "short") else None
+    told = design.reason if lost is None else f"{design.reason}; {lost}"
+    design = replace(design, slopes=slopes, reason=told)
     if design.outcome == "none":
         return design
-    return replace(design, estimate=observer.confine(plant, design, initial_errors(spec)))
+    start = initial_errors(spec)
+    if start is not None:
+        from_start = observer.bounds_from(plant, design, symmetric(start), effort)
+        design = replace(design, certificates=(*design.certificates, *from_start))
+    return replace(design, estimate=observer.confine(plant, design, start))
 
 
 def _margin_needed(spec: Spec, design: Design) -> dict[str, Exact]:
     """How far the estimate goes beyond the domain, with some room; empty where no level set shows it."""
     start = initial_errors(spec)
-    transients = spec.observer.transients(plant_of(spec, design), design) if start is not None else ()
+    plant, family = plant_of(spec, design), spec.observer
+    transients = (family.noisy_transients(plant, design) or family.transients(plant, design)) if start else ()
     if start is None or not transients:
         return {}
     bounds = min((transient(start) for transient in transients), key=lambda ends: max(float(end) for end in ends))
@@ -164,7 +195,7 @@ def _margin_needed(spec: Spec, design: Design) -> dict[str, Exact]:
 
 def certify(spec: Spec, design: Design, effort: int) -> Check:
     """What is proved of a design, with the premises about the plant and the conditions of the verdict."""
-    from cdobs_cli.bounds.estimate import confinement_claim
+    from cdobs_cli.bounds.estimate import confinement_claim, noisy_confinement_claim
     from cdobs_cli.bounds.slopes import slope_claims
     from cdobs_cli.certify.conditions import proved_of_the_plant, with_conditions
 
@@ -175,7 +206,10 @@ def certify(spec: Spec, design: Design, effort: int) -> Check:
         return Check((convergence, *unbounded_claims(resolve(spec.plant)[0])))
     proved, premises = family.certify(plant, design, effort), slope_claims(plant)
     if plant.domain and design.outcome != "none":
-        premises += (confinement_claim(plant, design.estimate, family.transients(plant, design)),)
+        transients = (*family.noisy_transients(plant, design), *family.transients(plant, design))
+        premises += (confinement_claim(plant, design.estimate, transients),)
+        if plant.is_perturbed:
+            premises += (noisy_confinement_claim(plant, design.estimate, family.noisy_transients(plant, design)),)
     if spec.coordinates is not None:
         premises = spec.coordinates.premises(premises)
     domain = spec.typed.domain if spec.typed else plant.domain

@@ -47,7 +47,11 @@ def test_declared_noise_is_in_the_sentence(tmp_path: Path, family: str) -> None:
     )  # fmt: skip
     told = str(convergence(found)["statement"])
     assert convergence(found)["status"] == "proved"
-    assert "without disturbance and noise" in told and "no bound of the error" in told
+    assert "without disturbance and noise" in told
+    bounded = next(claim for claim in found.check["claims"] if claim["id"] == "error_bounded")
+    assert bounded["status"] == "proved" and str(bounded["statement"]).startswith(
+        "Under |v| <= 1, |d_x| <= 1 the error"
+    )
     assert found.simulation is not None and found.simulation["overall"]["error_final"] > 0.1
 
 

@@ -25,7 +25,7 @@ from cdobs_cli.bounds.definedness import defined, is_total
 from cdobs_cli.bounds.ranges import Range, range_of
 from cdobs_cli.bounds.region import Region
 from cdobs_cli.bounds.slopes import claimed, decide, varying
-from cdobs_cli.certificate import Claim, Status
+from cdobs_cli.certificate import UNDER_NOISE, Claim, Status
 from cdobs_cli.design import Confinement
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, upper_text
@@ -51,7 +51,7 @@ def confine(plant: Plant, saturate: Saturate, transients: Sequence[Transient], s
     if not plant.domain or holds_everywhere(plant):
         return Confinement("everywhere")
     if saturate is not True and start is not None:
-        within = _margin_for(plant, transients, _symmetric(start))
+        within = _margin_for(plant, transients, symmetric(start))
         if within is not None:
             return within
     if saturate is not False and _is_continued(plant):
@@ -64,7 +64,7 @@ def _is_continued(plant: Plant) -> bool:
     return not plant.slopes.joint and (not plant.domain.where or _slopes_hold(plant.on_box))
 
 
-def _symmetric(start: Box) -> Box:
+def symmetric(start: Box) -> Box:
     """The smallest box of errors round 0 that holds these."""
     moduli = [tuple(map(_modulus, ends)) for ends in zip(start.lower, start.upper, strict=True)]
     sizes = [above if (above - below).sign() == 1 else below for below, above in moduli]
@@ -149,6 +149,13 @@ def confinement_claim(plant: Plant, confinement: Confinement, transients: Sequen
     return Claim("estimate", "premise", status, text, SOURCE, method=confinement.way)
 
 
+def noisy_confinement_claim(plant: Plant, confinement: Confinement, transients: Sequence[Transient]) -> Claim:
+    """`estimate_under_noise`: the same under the declared disturbance and noise, by transients that count them."""
+    status, text = _judge(plant, confinement, transients)
+    statement = f"under the declared disturbance and noise, {text}"
+    return Claim(UNDER_NOISE, "certificate", status, statement, SOURCE, method=confinement.way)
+
+
 def _judge(plant: Plant, confinement: Confinement, transients: Sequence[Transient]) -> tuple[Status, str]:
     domain = plant.domain.text
     match confinement.way:
@@ -166,6 +173,7 @@ def _judge(plant: Plant, confinement: Confinement, transients: Sequence[Transien
 
 
 def _stays_within(plant: Plant, confinement: Confinement, transients: Sequence[Transient]) -> bool:
+    """Whether one of the transients from the initial errors of a margin does not pass it, and slopes hold within it."""
     if set(confinement.margin) != set(plant.states) or len(confinement.start) != plant.n:
         return False
     margin = [Exact(confinement.margin[name]).ball() for name in plant.states]

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import product
 
 from cdobs_cli.bounds.bounded import TRIAL, bounded
 from cdobs_cli.bounds.definedness import defined, is_total
@@ -18,7 +19,7 @@ from cdobs_cli.bounds.ranges import Point
 from cdobs_cli.bounds.region import Region, point_balls, point_witness
 from cdobs_cli.certificate import Claim, Status, Witness
 from cdobs_cli.exact.expression import ZERO, Expression, Number, Variable
-from cdobs_cli.exact.numbers import EXACT_ZERO
+from cdobs_cli.exact.numbers import EXACT_ZERO, Exact
 from cdobs_cli.exact.rational import simplify
 from cdobs_cli.plant import Interval, Plant
 
@@ -30,12 +31,13 @@ _BEYOND = (Fraction(1, 64), Fraction(1, 4096))
 @dataclass(frozen=True)
 class Face:
     """A side of the domain: its name, the region it is, the speed at which solutions leave through it, and the
-    coordinate that was eliminated (its value on the face), if one was."""
+    coordinate that was eliminated (its value on the face), if one was; whether a white disturbance moves across it."""
 
     name: str
     region: Region
     outward: Expression
     solved: tuple[str, Expression] | None = None
+    is_shaken: bool = False
 
 
 def faces(plant: Plant) -> Iterator[Face]:
@@ -43,12 +45,14 @@ def faces(plant: Plant) -> Iterator[Face]:
     region = Region.of(plant)
     if plant.disturbance is not None:
         region = region.beside([f"d.{i}" for i in range(plant.n)], plant.disturbance)
-    f = dict(zip(plant.states, plant.right_hand_side(disturbed=True), strict=True))
+    # A white disturbance has no bound: it is looked at side by side.
+    field = plant.right_hand_side(disturbed=plant.disturbance is not None)
+    f = dict(zip(plant.states, field, strict=True))
     for name, interval in plant.domain.box.items():
         for end, outward in ((interval.lower, -f[name]), (interval.upper, f[name])):
             if end is not None:
                 side = Region.made({**region.ends, name: Interval(end, end)}, region.names, region.where)
-                yield Face(f"{name} = {end}", side, outward)
+                yield Face(f"{name} = {end}", side, outward, is_shaken=_is_shaken(plant, Variable(name)))
     for k, w in enumerate(plant.domain.where):
         outward = sum((-w.derivative(name) * f[name] for name in plant.states), ZERO)
         name = next(name for name in plant.states if simplify(w.derivative(name)) != ZERO)
@@ -59,7 +63,16 @@ def faces(plant: Plant) -> Iterator[Face]:
         where = (simplify(v.substitute({name: solved})) for v in others)
         names = tuple(other for other in region.names if other != name)
         side = Region.made(ends, names, tuple(v for v in where if not isinstance(v, Number)))
-        yield Face(f"{w} = 0", side, outward.substitute({name: solved}), (name, solved))
+        yield Face(f"{w} = 0", side, outward.substitute({name: solved}), (name, solved), _is_shaken(plant, w))
+
+
+def _is_shaken(plant: Plant, w: Expression) -> bool:
+    """Whether a white disturbance moves an affine w of the states: g' Q g > 0 for its gradient g."""
+    if plant.intensity is None:
+        return False
+    g = [Exact(simplify(w.derivative(name))) for name in plant.states]
+    pairs = product(range(plant.n), repeat=2)
+    return sum((g[i] * plant.intensity[i, j] * g[j] for i, j in pairs), EXACT_ZERO).sign() != 0
 
 
 def _limits(interval: Interval | None, variable: Expression) -> Iterator[Expression]:
@@ -79,16 +92,23 @@ def domain_invariant(plant: Plant) -> Claim:
     """
     open_sides: list[str] = []
     tangent: list[str] = []
+    shaken: list[str] = []
     for face in faces(plant):
         found = _leaving(face)
         if found is not None:
             leaves = f"solutions leave through {face.name}"
             return _claim(plant, "refuted", leaves, point_witness(found, side=face.name))
+        if face.is_shaken:
+            shaken.append(face.name)
+            continue
         speed = bounded(face.outward, face.region, EXACT_ZERO, TRIAL)
         if speed.status != "proved":
             open_sides.append(face.name)
         elif not speed.value < 0:
             tangent.append(face.name)
+    if shaken:
+        through = ", ".join(shaken)
+        return _claim(plant, "undecided", f"the white disturbance moves it through {through} sooner or later")
     if open_sides:
         return _claim(plant, "undecided", f"the side {', '.join(open_sides)} is open")
     if tangent and not _is_lipschitz_around(plant):

@@ -15,6 +15,7 @@ from fractions import Fraction
 
 from flint import fmpq, fmpq_mat
 
+from cdobs_cli.bounds.hull import Shared, within_parallelograms
 from cdobs_cli.exact.expression import ONE, ZERO, Call, Expression, ExpressionError, Number
 from cdobs_cli.exact.numbers import Exact, fmpq_fraction
 from cdobs_cli.exact.rational import TooLargeError, is_zero, quotients, simplify
@@ -23,14 +24,6 @@ from cdobs_cli.plant import Entry, Plant
 _MOST_TERMS = 64
 
 Terms = dict[Expression, Fraction]
-
-
-@dataclass(frozen=True)
-class Shared:
-    """A function of several entries, and its exact weights there."""
-
-    function: Expression
-    weights: tuple[tuple[Entry, Fraction], ...]
 
 
 @dataclass(frozen=True)
@@ -50,8 +43,8 @@ class Joint:
 
 
 def joint_slopes(plant: Plant) -> Joint | None:
-    """The functions behind the `auto` entries, where they are fewer than these entries; None elsewhere, and where an
-    entry cannot be taken apart."""
+    """The functions behind the `auto` entries, where they are fewer than these entries or follow one another; None
+    elsewhere, and where an entry cannot be taken apart."""
     derivatives = {(i, j): plant.phi[i].derivative(plant.states[j]) for i, j in sorted(plant.slopes.auto)}
     split = {}
     for entry, slope in derivatives.items():
@@ -61,8 +54,9 @@ def joint_slopes(plant: Plant) -> Joint | None:
             return None
     varying = {entry: {t: c for t, c in terms.items() if t.variables} for entry, terms in split.items()}
     varying = {entry: terms for entry, terms in varying.items() if terms}
-    functions = _functions(varying)
-    if not len(functions) < len(varying):
+    plain = _functions(varying)
+    functions = within_parallelograms(plain, plant)
+    if functions == plain and not len(plain) < len(varying):
         return None
     offset = []
     for entry in varying:

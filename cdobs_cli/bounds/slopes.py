@@ -145,7 +145,9 @@ def _is_made(plant: Plant, entry: Entry) -> bool:
     return is_zero(plant.phi[i].derivative(plant.states[j]) - total)
 
 
-def resolve(plant: Plant, *, together: bool = True) -> tuple[Plant, dict[str, tuple[str, str]]]:
+def resolve(
+    plant: Plant, *, together: bool = True, over: Plant | None = None
+) -> tuple[Plant, dict[str, tuple[str, str]]]:
     """Proved bounds for the entries declared `auto`, rounded outwards to short decimals.
 
     Returns: the plant with these bounds, and the bounds by entry, {"2.1": (lower, upper)}, from 1, and by function
@@ -154,8 +156,9 @@ def resolve(plant: Plant, *, together: bool = True) -> tuple[Plant, dict[str, tu
 
     Args:
         together: whether entries that share functions are to move together.
+        over: the plant with the domain that the bounds are wanted over, where that is a wider one.
     """
-    region = Region.of(plant)
+    region = Region.of(over or plant)
     found = {}
     for name, _, slope in to_be_found(plant):
         bounds = automatic(slope, region)

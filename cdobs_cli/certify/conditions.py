@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from cdobs_cli.certificate import CONVERGENCE, Bound, Check, Claim
+from cdobs_cli.certificate import CONVERGENCE, ERROR_BOUNDED, UNDER_NOISE, Bound, Check, Claim
 from cdobs_cli.design import Confinement
 from cdobs_cli.exact.numbers import Exact, text_below
 from cdobs_cli.plant import Domain, Plant
 from cdobs_cli.sampling import SamplingLaw
 
 _PERIODS = ("period_max", "period_max_any_gain", "period_max_at_rate")
-_CONSEQUENCES = ("decay_rate", "guaranteed_period")
+_ERRORS = ("error", "error_transient", "rms")
+_CONSEQUENCES = ("decay_rate", "guaranteed_period", *_ERRORS)
 
 
 def with_conditions(
@@ -37,14 +38,16 @@ def with_conditions(
     stays, estimate = by_id.get("domain_invariant"), by_id.get("estimate")
     told = []
     for claim in claims:
+        if claim.id == ERROR_BOUNDED:
+            told.append(_bounded(claim, domain, confinement, by_id))
+            continue
         if claim.id != CONVERGENCE:
             told.append(claim)
             continue
         conditions = []
-        if not disturbed and (plant.disturbance is not None or plant.noise is not None):
+        if not disturbed and plant.is_perturbed:
             conditions.append(f"without {_unknown(plant)}")
-        if domain and confinement.way != "everywhere" and (stays is None or stays.status != "proved"):
-            conditions.append(f"while the plant stays in {domain.text}")
+        conditions += _while_inside(domain, confinement, stays)
         if confinement.way == "margin":
             conditions.append(f"for initial errors {confinement.start_text}")
         statement = ", ".join([claim.statement.rstrip("."), *conditions])
@@ -55,10 +58,29 @@ def with_conditions(
             statement = f"{statement}: {reason}"
         if claim.status == "refuted":
             claim, statement = _refuted(claim, plant, statement)
-        if not disturbed and claim.status == "proved" and (plant.disturbance is not None or plant.noise is not None):
+        if not disturbed and plant.is_perturbed and ERROR_BOUNDED not in by_id and claim.status == "proved":
             statement += f"; no bound of the error under the declared {_unknown(plant)} is proved"
         told.append(replace(claim, statement=f"{statement}."))
     return tuple(told)
+
+
+def _while_inside(domain: Domain, confinement: Confinement, stays: Claim | None) -> list[str]:
+    if not domain or confinement.way == "everywhere" or (stays is not None and stays.status == "proved"):
+        return []
+    return [f"while the plant stays in {domain.text}"]
+
+
+def _bounded(claim: Claim, domain: Domain, confinement: Confinement, by_id: Mapping[str, Claim]) -> Claim:
+    """`error_bounded` with its conditions; a margin that is shown without disturbance and noise alone does not hold
+    it."""
+    conditions = _while_inside(domain, confinement, by_id.get("domain_invariant"))
+    if confinement.way == "margin":
+        conditions.append(f"for initial errors {confinement.start_text}")
+    statement = ", ".join([claim.statement.rstrip("."), *conditions])
+    estimate = by_id.get(UNDER_NOISE, by_id.get("estimate"))
+    if claim.status == "proved" and estimate is not None and estimate.status != "proved":
+        claim, statement = replace(claim, status="undecided", by=None), f"{statement}: {estimate.statement}"
+    return replace(claim, statement=f"{statement.rstrip('.')}.")
 
 
 def proved_of_the_plant(check: Check, law: SamplingLaw, confinement: Confinement) -> dict[str, Bound]:
@@ -71,10 +93,12 @@ def proved_of_the_plant(check: Check, law: SamplingLaw, confinement: Confinement
         claim for claim in check.claims if claim.kind == "premise" and (claim.required or claim.id == "estimate")
     ]
     stands = all(claim.status == "proved" for claim in premises)
+    under_noise = check.claim(UNDER_NOISE)
+    stays_under_noise = under_noise is None or under_noise.status == "proved"
     kept = {}
     for name, bound in check.bounds.items():
         head, _, method = name.partition(".")
-        if not stands and head in (*_PERIODS, *_CONSEQUENCES):
+        if (head in _ERRORS and not stays_under_noise) or (not stands and head in (*_PERIODS, *_CONSEQUENCES)):
             bound = replace(bound, proved=None)
         elif confinement.way == "margin" and head in _PERIODS and bound.proved is not None:
             bound = replace(bound, proved=None if method else _at_most(bound.proved, law))
@@ -89,8 +113,8 @@ def _at_most(proved: str, law: SamplingLaw) -> str:
 
 
 def _unknown(plant: Plant) -> str:
-    names = ("disturbance",) if plant.disturbance is not None else ()
-    return " and ".join((*names, "noise") if plant.noise is not None else names)
+    names = ("disturbance",) if plant.is_disturbed else ()
+    return " and ".join((*names, "noise") if plant.is_noisy else names)
 
 
 def _refuted(claim: Claim, plant: Plant, statement: str) -> tuple[Claim, str]:

@@ -44,6 +44,28 @@ def has_positive_pivots(M: Matrix) -> bool:
     return True
 
 
+def is_semidefinite(M: Matrix) -> bool | None:
+    """Whether M = M' >= 0; None where balls cannot tell. A pivot of LDL' that is 0 has a row of zeros below it.
+
+    The upper triangle is not read: callers pass symmetric matrices.
+    """
+    size = M.shape[0]
+    rows: list[list[Any]] = M.tolist()
+    for k in range(size):
+        pivot, below = rows[k][k], [rows[i][k] for i in range(k + 1, size)]
+        if pivot < 0 or (pivot == 0 and any(entry != 0 for entry in below)):
+            return False
+        if pivot == 0 and all(entry == 0 for entry in below):
+            continue
+        if not pivot > 0:
+            return None
+        for i in range(k + 1, size):
+            factor = rows[i][k] / pivot
+            for j in range(k + 1, i + 1):
+                rows[i][j] = rows[i][j] - factor * rows[j][k]
+    return True
+
+
 def positive_definite(M: Matrix) -> Definiteness:
     """Prove M > 0 for a symmetric matrix of rationals or balls, with a margin.
 

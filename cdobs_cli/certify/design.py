@@ -7,36 +7,53 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from typing import Any, ClassVar, Protocol
+from functools import cached_property
+from types import MappingProxyType
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify import judge
+from cdobs_cli.certify import accuracy, judge, search
+from cdobs_cli.certify.front import front
 from cdobs_cli.certify.gains import Candidate, GainSearch, NoDesignError
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.dead_beat import DeadBeat, EveryPeriod, resets
-from cdobs_cli.certify.methods.open_loop import OpenLoop
+from cdobs_cli.certify.methods.mean_square.aim import scales
+from cdobs_cli.certify.methods.open_loop import OpenLoop, Uncorrected
 from cdobs_cli.certify.methods.rung import Rung, fastest
-from cdobs_cli.certify.reasons import costliest
+from cdobs_cli.certify.reasons import costliest, unreachable
 from cdobs_cli.certify.unseen import unseen
-from cdobs_cli.design import Design, Outcome
+from cdobs_cli.design import Design, FrontPoint, Outcome
 from cdobs_cli.exact.functions import fraction_ball
-from cdobs_cli.exact.numbers import ExactMatrix
+from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text, upper_text
 from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
+
+
+class Beyond(NamedTuple):
+    """What a design keeps besides its own: certificates of other gains and laws that no gain survives, the report's
+    details, the front where a family has one of its own."""
+
+    certificates: Sequence[Certificate] = ()
+    details: Mapping[str, Any] = MappingProxyType({})
+    front: tuple[FrontPoint, ...] = ()
 
 
 class Card(judge.Card, Protocol):
     """What is asked of a family's card.
 
     rate_share: under max_period the rate is at least this over the period. with_rates: whether the certificate kept
-    for the law is the fastest that is found.
+    for the law is the fastest that is found. error_at_most: by state, what is asked of its error under noise. weights:
+    by state, of its error; all where none is typed.
     """
 
     objective: Any
     rate_share: ClassVar[float]
     with_rates: ClassVar[bool]
+
+    error_at_most: Any
+    weights: Any
 
     @property
     def name(self) -> str: ...
@@ -58,8 +75,8 @@ class Card(judge.Card, Protocol):
     def why_nothing(self, question: Question) -> str:
         """Why a search found no gain."""
 
-    def beyond(self, question: Question, own: Sequence[Method]) -> tuple[list[Certificate], dict[str, Any]]:
-        """What else is worth keeping: certificates of other gains, laws that no gain survives, the report's details."""
+    def beyond(self, question: Question, own: Sequence[Method]) -> Beyond:
+        """What else is worth keeping."""
 
 
 def synthesize(card: Card, plant: Plant, effort: int) -> Design:
@@ -69,13 +86,21 @@ def synthesize(card: Card, plant: Plant, effort: int) -> Design:
         return _Synthesis(card, plant, effort).run()
 
 
+def finished(card: Card, plant: Plant, design: Design, effort: int) -> Design:
+    """A design with what is worth knowing of it, once it is the one that is kept: certificates of how large its error
+    stays under the declared noise and disturbance, and the front. Uses the solver."""
+    with np.errstate(all="ignore"):
+        return _Synthesis(card, plant, effort).finished(design)
+
+
 class _Synthesis:
     def __init__(self, card: Card, plant: Plant, effort: int) -> None:
         self.card, self.plant = card, plant
         self.given = card.given()[card.letter]
         self.question = card.question(plant, {card.letter: self.given} if self.given is not None else {}, effort)
         self.objective: str = card.objective
-        self.asked = self.question.with_rate(card.wanted_rate) if card.objective == "max_period" else self.question
+        keeps_rate = card.objective in ("max_period", "min_error")
+        self.asked = self.question.with_rate(card.wanted_rate) if keeps_rate else self.question
         self.searches: Sequence[GainSearch] = ()
 
     def run(self) -> Design:
@@ -94,18 +119,23 @@ class _Synthesis:
         endless = self._endless() if self.objective == "max_period" else None
         if endless is not None:  # no period is too long: the best gain for the law that was typed
             self.objective = "given_period"
+        slow = unreachable(self.plant, float(self.asked.rate))
+        if slow is not None:
+            self.asked = self.question
         self.searches = self.card.gain_searches(self.asked)
-        try:
-            candidates, reason = self._candidates(), self.card.why_nothing(self.asked)
-        except NoDesignError as none:
-            candidates, reason = [], str(none)
-        law = self.plant.sampling
-        serving = [one for one in candidates if law.T_max.is_at_most(one.law.T_max)]
+        serving, shorter, reason = self._met()
+        if not (serving or shorter) and self.asked.rate:
+            slow, self.asked = f"{reason}, at the rate {fraction_text(self.asked.rate)}", self.question
+            serving, shorter, reason = self._met()
+        if not (serving or shorter):
+            serving = self._uncorrected()
         if serving:
             best = max(serving, key=lambda candidate: candidate.merit)
-            design = self._certified("found", best, [one for one in serving if one is not best])
+            others = [one for one in serving if one is not best]
+            told = None if slow is None else f"{slow}; the gain kept is the one of the longest period at any rate"
+            design = self._certified("found" if slow is None else "short", best, others, told)
         else:
-            design = self._short(candidates, reason)
+            design = self._short(shorter, reason if slow is None else f"{slow}; {reason}")
         if endless is None:
             return design
         return replace(design, certificates=(*design.certificates, endless))
@@ -119,21 +149,76 @@ class _Synthesis:
         return chain.certificate() if chain is not None else None
 
     def _candidates(self) -> list[Candidate]:
-        """Under given_period the first gain found, else one from each search."""
+        """One from each search; under given_period where none of them weighs noise the first gain found."""
         if self.objective == "max_period":
-            return [one for one in (way.longest(self.asked) for way in self.searches) if one is not None]
+            longest = self._longest_within if self.card.error_at_most else lambda way: way.longest(self.asked)
+            return _found(longest(way) for way in self.searches)
         if self.objective == "decay_rate":
-            return [one for one in (way.fastest(self.question) for way in self.searches) if one is not None]
-        first = next((met for met in (way.at(self.question) for way in self.searches) if met is not None), None)
-        return [] if first is None else [first]
+            return _found(way.fastest(self.question) for way in self.searches)
+        quiet = _found(self._quiet(way, self.asked) for way in self.searches)
+        return quiet or _found(way.at(self.asked) for way in self.searches)[:1]
 
-    def _short(self, candidates: list[Candidate], reason: str) -> Design:
+    def _quiet(self, way: GainSearch, question: Question) -> Candidate | None:
+        """The gain of least error under what is declared, else the one that amplifies noise least."""
+        if not self.plant.is_perturbed:
+            return way.quietest(question)
+        # White signals have their least mean square by a convex search; of bounded ones a gain near by is better.
+        closer = question.level > 0 and self.plant.has_bounded_signals
+        return way.least_error(question, accuracy.merit(self._weights) if closer else None, self._weights)
+
+    @cached_property
+    def _weights(self) -> tuple[float, ...]:
+        """Of each state: as typed, else 1 / scale^2 under the law that was typed, so that periods are weighed alike."""
+        typed = self.card.weights
+        if typed is None:
+            return tuple(1 / float(scale) ** 2 for scale in scales(self.question))
+        return tuple(float(typed.get(name, 0)) for name in self.plant.states)
+
+    def _longest_within(self, way: GainSearch) -> Candidate | None:
+        """The gain of the longest period whose least error is small enough."""
+
+        def within(T: Exact) -> Candidate | None:
+            candidate = self._quiet(way, self.asked.at(T))
+            if candidate is None:
+                return None
+            about = self.asked.at(T).with_gain({self.card.letter: candidate.gain})
+            return None if self._exceeded(accuracy.sized(about)) else replace(candidate, merit=float(T))
+
+        return search.longest(within, self.plant.sampling.T_max, search.tolerance(self.question.effort))
+
+    def _exceeded(self, sizes: Iterable[accuracy.Sized]) -> str | None:
+        """What is above `error_at_most`, or not proved; None where nothing is."""
+        proved = {sized.name.partition(".")[2]: sized.error for sized in sizes if "." in sized.name}
+        told = []
+        for state, most in (self.card.error_at_most or {}).items():
+            least = proved.get(state)
+            if least is None or not least <= most.ball():
+                by = "none is proved" if least is None else f"{upper_text(least, 6)} is proved"
+                told.append(f"|e_{state}| <= {most} was asked for and {by}")
+        return "; ".join(told) or None
+
+    def _met(self) -> tuple[list[Candidate], list[Candidate], str]:
+        """The candidates that serve the law asked for; where there are none, those for shorter periods, and why."""
+        try:
+            candidates, reason = self._candidates(), self.card.why_nothing(self.asked)
+        except NoDesignError as none:
+            candidates, reason = [], str(none)
+        longest = self.plant.sampling.T_max
+        serving = [one for one in candidates if longest.is_at_most(one.law.T_max)]
+        if not candidates:
+            candidates = _found(way.nearest(self.asked.afresh()) for way in self.searches)
+        return serving, [] if serving else candidates, reason
+
+    def _uncorrected(self) -> list[Candidate]:
+        """The gain 0, where the error decays by itself and no other gain was found."""
+        zero = ExactMatrix([[0] * self.plant.p for _ in range(self.plant.n)])
+        method = Uncorrected.propose(self.asked.with_gain({self.card.letter: zero}).afresh())
+        return [] if method is None else [Candidate(zero, self.plant.sampling, 0.0, method)]
+
+    def _short(self, shorter: list[Candidate], reason: str) -> Design:
         """The gain of the longest period met below the one asked for, under the law that was asked for."""
         law = self.plant.sampling
-        if not candidates:
-            nearest = (way.nearest(self.asked.afresh()) for way in self.searches)
-            candidates = [one for one in nearest if one is not None]
-        best = max(candidates, key=lambda candidate: float(candidate.law.T_max), default=None)
+        best = max(shorter, key=lambda candidate: float(candidate.law.T_max), default=None)
         if best is None:
             return self._without(reason)
         told = f"{reason}; the longest period met with a proof is {best.law.T_max}, whose gain is kept"
@@ -149,8 +234,8 @@ class _Synthesis:
         return max((float(one.law.T_max) for one in met if one is not None), default=0.0)
 
     def _without(self, reason: str) -> Design:
-        beyond, details = self.card.beyond(self.question, ())
-        return self._design("none", self.plant.sampling, None, beyond, details, reason)
+        beyond = self.card.beyond(self.question, ())
+        return self._design("none", self.plant.sampling, None, beyond.certificates, beyond.details, reason)
 
     def _longest_law(self) -> SamplingLaw:
         """The longest law proved for the given gain at the rate asked for, the typed one at least."""
@@ -191,8 +276,39 @@ class _Synthesis:
             own += [at_rate_proved] if at_rate_proved is not None else []
         certificates = [method.certificate() for method in own]
         certificates += [one.method.certificate({letter: one.gain}) for one in others if one.method is not None]
-        beyond, details = self.card.beyond(question, own)
-        return self._design(outcome, best.law, best.gain, [*certificates, *beyond], details, reason)
+        beyond = self.card.beyond(question, own)
+        kept = [*certificates, *beyond.certificates]
+        design = self._design(outcome, best.law, best.gain, kept, beyond.details, reason)
+        return replace(design, front=beyond.front)
+
+    def finished(self, design: Design) -> Design:
+        """With how large the error stays under what is declared, and what other periods are worth."""
+        letter = self.card.letter
+        if design.outcome == "none" or letter not in design.gain:
+            return design
+        question = self.question.with_gain({letter: design.gain[letter]}).under(design.sampling)
+        sizes = accuracy.sized(question)
+        certificates = (*design.certificates, *(sized.method.certificate() for sized in sizes))
+        design = replace(design, certificates=certificates)
+        exceeded = self._exceeded(sizes) if self.given is None else None
+        if exceeded is not None:
+            reason = exceeded if design.reason is None else f"{design.reason}; {exceeded}"
+            design = replace(design, outcome="short", reason=reason)
+        if design.front or not question.level:
+            return design
+        self.searches = self.card.gain_searches(self.asked)
+        return replace(design, front=self._front(question, design.gain[letter]))
+
+    def _front(self, question: Question, own: ExactMatrix) -> tuple[FrontPoint, ...]:
+        """Where a gain was looked for, and periods, rates or errors are what it is about."""
+        if self.given is not None or not (self.plant.is_perturbed or self.objective in ("max_period", "decay_rate")):
+            return ()
+
+        def find(about: Question) -> Candidate | None:
+            ways = (self._quiet(way, about) if self.plant.is_perturbed else way.fastest(about) for way in self.searches)
+            return next((one for one in ways if one is not None), None)
+
+        return front(question, self.card.letter, find, own)
 
     def _design(
         self,
@@ -206,7 +322,11 @@ class _Synthesis:
         letter = self.card.letter
         kept: dict[str, Certificate] = {}
         for certificate in certificates:
-            about = (certificate.data.get(letter), certificate.data.get("sigma"))
+            about = tuple(certificate.data.get(name) for name in (letter, "sigma", "state"))
             kept.setdefault(f"{certificate.method} {certificate.sampling} {about}", certificate)
         held = {} if gain is None else {letter: gain}
         return Design(self.card.name, outcome, law, held, tuple(kept.values()), None, reason, details=details or {})
+
+
+def _found(candidates: Iterable[Candidate | None]) -> list[Candidate]:
+    return [one for one in candidates if one is not None]

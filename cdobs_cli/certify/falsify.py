@@ -142,7 +142,7 @@ def refutes(inclusion: HybridInclusion, witness: Witness) -> bool:
 
 def prove(inclusion: HybridInclusion, word: Word) -> arb | None:
     """A lower bound of rho(M) where rho(M) >= 1 is proved for an admissible word; None otherwise."""
-    if not all(_admissible(inclusion, *sample) for sample in word.samples):
+    if not all(is_admissible(inclusion, *sample) for sample in word.samples):
         return None
     M = monodromy(inclusion.balls, word)
     if not has_spectral_radius_at_least(M):
@@ -162,7 +162,7 @@ def monodromy(maps: ErrorMaps[Matrix], word: Word) -> Matrix:
     return total
 
 
-def _admissible(inclusion: HybridInclusion, period: tuple[Arc, ...], w: tuple[Exact, ...]) -> bool:
+def is_admissible(inclusion: HybridInclusion, period: tuple[Arc, ...], w: tuple[Exact, ...]) -> bool:
     """Whether the slopes certainly lie in the box, and the arcs fill a period of the law."""
     if not are_within(w, inclusion.outputs):
         return False
@@ -255,7 +255,7 @@ def _switching_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
                     for length, (_, corner) in zip([*lengths, last], arcs, strict=True)
                 )
             )
-        samples = (_ends_of(inclusion.outputs, corner) for corner in proposal.jumps)
+        samples = (ends_of(inclusion.outputs, corner) for corner in proposal.jumps)
         yield Word(tuple(periods), tuple(samples) if inclusion.outputs else ())
 
 
@@ -290,7 +290,7 @@ def _constant_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
     for T in candidate_periods(inclusion.sampling, effort):
         Phi = exponentials(flows * float(T))
         for bits in jumps:
-            w = _ends_of(inclusion.outputs, bits)
+            w = ends_of(inclusion.outputs, bits)
             J = maps.jump_at(tuple(map(float, w)))
             for corner, rho in zip(corners, spectral_radii(J @ Phi), strict=True):
                 if rho >= 1 - _SLACK:
@@ -348,10 +348,10 @@ def candidate_corners(inclusion: HybridInclusion) -> Iterator[tuple[bool, ...]]:
 
 
 def _values(inclusion: HybridInclusion, corner: tuple[bool, ...]) -> tuple[Exact, ...]:
-    return _ends_of(inclusion.quantities, corner)
+    return ends_of(inclusion.quantities, corner)
 
 
-def _ends_of(quantities: tuple[Quantity, ...], corner: tuple[bool, ...]) -> tuple[Exact, ...]:
+def ends_of(quantities: tuple[Quantity, ...], corner: tuple[bool, ...]) -> tuple[Exact, ...]:
     """The values at a corner (True: upper end)."""
     return tuple(rho.upper if up else rho.lower for up, rho in zip(corner, quantities, strict=True))
 

@@ -4,12 +4,13 @@ ladder of methods, the bracket of the period, and the one conclusion.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, ClassVar, Protocol
 
 from cdobs_cli.certificate import CONVERGENCE, Bound, Certificate, Check, Claim, Status, Witness
+from cdobs_cli.certify import accuracy
 from cdobs_cli.certify.bracket import smallest_refuted
 from cdobs_cli.certify.falsify import refute, slowest_decay
 from cdobs_cli.certify.levels import Level
@@ -91,6 +92,11 @@ class Judgement:
         return [item for item in self.items if item.method.reach == "convergence"]
 
     @property
+    def sizing(self) -> list[Judged]:
+        """Of the design's gain, about the size of its error."""
+        return [item for item in self.items if item.own and item.method.reach in accuracy.REACHES]
+
+    @property
     def covering(self) -> list[Judged]:
         """Proved of the design's gain for every sequence of periods of its law."""
         return [
@@ -127,15 +133,24 @@ def judge(card: Card, plant: Plant, design: Design, effort: int) -> Check:
     if hidden is not None:
         lost.append(_every_gain(f"Every gain fails: {hidden.sentence(plant)}."))
     conclusion = _conclusion(judgement, hidden, claims)
-    unique = {claim.id: claim for claim in reversed((conclusion, *claims, *beside, *lost, *_intervals(question)))}
-    return Check(tuple(reversed(unique.values())), bounds | beside_bounds)
+    sized = [accuracy.Item(item.method, item.proof) for item in judgement.sizing]
+    of_errors, error_bounds = accuracy.accuracy(question, sized)
+    told = (conclusion, *of_errors, *claims, *beside, *lost, *_intervals(question))
+    unique = {claim.id: claim for claim in reversed(told)}
+    return Check(tuple(reversed(unique.values())), bounds | beside_bounds | error_bounds)
 
 
-def _judged(card: Card, question: Question, certificates: Sequence[Certificate]) -> list[Judged]:
+def _judged(
+    card: Card,
+    question: Question,
+    certificates: Sequence[Certificate],
+    wanted: Callable[[Method], bool] = lambda _: True,
+) -> list[Judged]:
+    """The certificates that can be read and are wanted, each proved again."""
     items = []
     for certificate in certificates:
-        stored = read(certificate, card.methods(), (card.letter,))
-        if stored is None:
+        stored = read(certificate, (*card.methods(), *accuracy.METHODS), (card.letter,))
+        if stored is None or not wanted(stored.method):
             continue
         gain = stored.gain
         if gain is not None and gain[card.letter].shape != (question.plant.n, question.plant.p):
@@ -341,8 +356,8 @@ def _intervals(question: Question) -> list[Claim]:
 def _covering(card: Card, plant: Plant, design: Design) -> tuple[Question, list[Judged]]:
     plant = replace(plant, sampling=design.sampling)
     question = card.question(plant, design.gain, 0)
-    judgement = Judgement(card, design, question, tuple(_judged(card, question, design.certificates)))
-    return question, judgement.covering
+    items = _judged(card, question, design.certificates, lambda method: method.reach == "convergence")
+    return question, Judgement(card, design, question, tuple(items)).covering
 
 
 def levels(card: Card, plant: Plant, design: Design) -> list[Level]:
@@ -350,6 +365,17 @@ def levels(card: Card, plant: Plant, design: Design) -> list[Level]:
     question, covering = _covering(card, plant, design)
     met = [item.method.level(question) for item in covering]
     return [level for level in met if level is not None]
+
+
+def noisy_transients(card: Card, plant: Plant, design: Design) -> list[accuracy.Transient]:
+    """How large the error becomes on the way under the declared disturbance and noise, where these are bounded."""
+    if not plant.has_bounded_signals:
+        return []
+    question, covering = _covering(card, plant, design)
+    judged = _judged(card, question, design.certificates, lambda method: method.reach == "error bound")
+    sized = [accuracy.Item(item.method, item.proof) for item in judged if item.own]
+    met = (item.method.level(question) for item in covering)
+    return accuracy.transients(question, sized, [level for level in met if level is not None])
 
 
 def envelope(card: Card, plant: Plant, design: Design) -> dict[str, float] | None:

@@ -221,6 +221,18 @@ def summary(records: Sequence[SolverRecord]) -> SolverRecord | None:
     return SolverRecord(last.name, last.version, last.status, sum(record.iterations for record in records))
 
 
+_RAN_OUT = ("MaxIterations", "MaxTime", "NumericalError", "InsufficientProgress", "Panicked")
+
+
+def ran_out(records: Sequence[SolverRecord]) -> str | None:
+    """Where more than half of the calls ended without an answer: how many, and with which status most often."""
+    lost = [record.status for record in records if record.status in _RAN_OUT]
+    if 2 * len(lost) <= len(records) or not lost:
+        return None
+    most = max(sorted(set(lost)), key=lost.count)
+    return f"the solver {records[-1].name} ran out in {len(lost)} of {len(records)} calls ({most})"
+
+
 def compressed(A: Array) -> SparseColumns:
     """A dense array in compressed columns, exact zeros left out."""
     import numpy as np

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from fractions import Fraction
 from itertools import islice, product
@@ -12,7 +12,7 @@ import numpy as np
 
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import PlantView
-from cdobs_cli.plant import Plant, Quantity
+from cdobs_cli.plant import Plant
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,6 +30,34 @@ def undetectable(plant: Plant) -> str | None:
     in the class, none converges. The test is Hautus': [lambda I - exp((A + V) delta); C] loses rank. Tried at the
     middle and the corners of the slope box, at the longest period of the law.
     """
+    met = _unseen_at(plant, 0.0)
+    if met is None:
+        return None
+    where, along, root = met
+    moves = "grows" if root.real > TOLERANCE else "does not decay"
+    advice = f"keep the domain away from {where}, or measure another quantity" if where else "measure another quantity"
+    return (
+        f"sampled every {plant.sampling.T_max} the plant is not detectable{' where ' + where if where else ''}: "
+        f"an error along {along} {moves} (eigenvalue {_complex(root)}) and no output shows it; {advice}"
+    )
+
+
+def unreachable(plant: Plant, rate: float) -> str | None:
+    """Why no gain makes errors decay at this rate, as far as floats can tell: an error that no output shows and that
+    decays more slowly. Tried where `undetectable` is."""
+    met = _unseen_at(plant, rate) if rate > 0 else None
+    if met is None:
+        return None
+    where, along, root = met
+    return (
+        f"no gain keeps the rate {rate:.6g}: {'where ' + where + ' ' if where else ''}an error along {along} decays at "
+        f"{-root.real:.6g} and no output shows it"
+    )
+
+
+def _unseen_at(plant: Plant, rate: float) -> tuple[str, str, complex] | None:
+    """Where in the slope class, along which states and with which eigenvalue an unseen error does not decay at this
+    rate."""
     view = PlantView.floats(plant, {})
     delta = float(plant.sampling.T_max)
     middle = tuple((low + high) / 2 for low, high in zip(view.lower, view.upper, strict=True))
@@ -38,9 +66,11 @@ def undetectable(plant: Plant) -> str | None:
         flow = view.flow(v)
         if not np.all(np.isfinite(flow)):
             return None
-        mode = _unseen_mode(flow, view.C, delta)
+        mode = _unseen_mode(flow + rate * np.eye(plant.n), view.C, delta)
         if mode is not None:
-            return _sentence(plant, v, view.quantities, *mode)
+            values = zip(v, view.quantities, strict=True)
+            where = ", ".join(_equation(rho.text(plant.states), value) for value, rho in values)
+            return where, _direction(plant, mode[1]), mode[0] - rate
     return None
 
 
@@ -66,22 +96,20 @@ def _unseen_mode(flow: NDArray[np.float64], C: NDArray[np.float64], delta: float
     return None
 
 
-def _sentence(plant: Plant, v: Sequence[float], quantities: Sequence[Quantity], root: complex, direction: Any) -> str:
-    values = zip(v, quantities, strict=True)
-    where = ", ".join(f"{rho.text(plant.states)} = {value:.6g}" for value, rho in values)
+def _equation(function: str, value: float) -> str:
+    """`x = 3`, for the function x and for -x = -3."""
+    minus = function.startswith("-") and function[1:].isidentifier()
+    return f"{function[1:]} = {0.0 - value:.6g}" if minus else f"{function} = {value:.6g}"
+
+
+def _direction(plant: Plant, direction: Any) -> str:
+    """`x - 0.5 y`."""
     turned = direction * np.exp(-1j * np.angle(direction[int(np.argmax(np.abs(direction)))]))
     share = turned.real / np.abs(turned.real).max()
-    along = " ".join(
-        f"{'-' if value < 0 else '+'} {abs(value):.3g} {name}"
+    return " ".join(
+        f"{'-' if value < 0 else '+'} {'' if abs(value) == 1 else format(abs(value), '.3g') + ' '}{name}"
         for value, name in zip(share, plant.states, strict=True) if abs(value) > _SHOWN
     ).removeprefix("+ ")  # fmt: skip
-    moves = "grows" if root.real > TOLERANCE else "does not decay"
-    advice = f"keep the domain away from {where}, or measure another quantity" if where else "measure another quantity"
-    return (
-        f"sampled every {plant.sampling.T_max} the plant is not detectable{' where ' + where if where else ''}: "
-        f"an error "
-        f"along {along} {moves} (eigenvalue {_complex(root)}) and no output shows it; {advice}"
-    )
 
 
 def costliest(plant: Plant, longest: Callable[[Plant], float]) -> str | None:

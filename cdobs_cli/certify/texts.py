@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-
 # What searches write: read without the parser, which takes a hundred times as long.
 _DECIMAL = re.compile(r"-?\d{1,40}(\.\d{1,40})?(e-?\d{1,2})?", re.ASCII)
 

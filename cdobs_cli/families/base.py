@@ -16,7 +16,7 @@ from cdobs_cli.errors import Problem
 
 if TYPE_CHECKING:
     from cdobs_cli.bounds.estimate import Transient
-    from cdobs_cli.certificate import Check
+    from cdobs_cli.certificate import Certificate, Check
     from cdobs_cli.chart import Exhibits
     from cdobs_cli.design import Confinement, Design
     from cdobs_cli.exact.numbers import ExactMatrix
@@ -52,6 +52,23 @@ class Family(BaseModel, ABC):
         """What `validate` can see without linear algebra: a structure the family does not take, shapes of a
         given gain, options that contradict one another. Fields are paths from the top of the spec."""
         return []
+
+    def only_boxes(self, plant: Plant, why: str) -> list[Problem]:
+        """What a family that takes disturbance and noise in boxes says of a white one, and of noise of a covariance.
+
+        why: what the box is needed for.
+        """
+        found = []
+        if plant.intensity is not None:
+            what, hint = f"a white disturbance has no bound: {why}", "bound it: {lower: [..], upper: [..]}"
+            found.append(Problem(("plant", "disturbance"), what, hint=hint))
+        if plant.covariance is not None:
+            sizes = [3 * max(0.0, float(plant.covariance[k, k])) ** 0.5 for k in range(plant.p)]
+            lower, upper = (", ".join(f"{sign * size:.4g}" for size in sizes) for sign in (-1, 1))
+            hint = f"bound it, by three deviations for instance: {{lower: [{lower}], upper: [{upper}]}}"
+            what = f"noise of a covariance has no bound: {why}"
+            found.append(Problem(("measurement", "noise"), what, hint=hint))
+        return found
 
     def resolved(self, plant: Plant, horizon: float | None) -> Self:
         """The card with what a default leaves to the plant and to the time of its simulation, where there is one."""
@@ -89,6 +106,19 @@ class Family(BaseModel, ABC):
 
     def transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
         """How large the error becomes on the way, from the stored certificates, each proved again."""
+        return ()
+
+    def noisy_transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
+        """The same under the declared disturbance and noise, from the initial errors that the design was made for."""
+        return ()
+
+    def finished(self, plant: Plant, design: Design, effort: int) -> Design:
+        """The design that is kept, with what is worth knowing of it beside its verdict. May load a solver."""
+        return design
+
+    def bounds_from(self, plant: Plant, design: Design, start: Box, effort: int) -> Sequence[Certificate]:
+        """Certificates of how large the error becomes from these initial errors, under what is declared. May load a
+        solver."""
         return ()
 
     def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:

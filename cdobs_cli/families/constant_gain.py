@@ -3,30 +3,34 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from math import log
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.families.base import Family
-from cdobs_cli.fields import NonNegativeNumber
+from cdobs_cli.fields import NonNegativeNumber, PositiveNumber
 
 if TYPE_CHECKING:
     from cdobs_cli.bounds.estimate import Transient
     from cdobs_cli.certificate import Bound, Certificate, Check, Claim
+    from cdobs_cli.certify.design import Beyond
     from cdobs_cli.certify.gains import GainSearch
     from cdobs_cli.certify.judge import Judgement
     from cdobs_cli.certify.methods.base import Method, Question
     from cdobs_cli.certify.methods.rung import Rung
-    from cdobs_cli.design import Design
+    from cdobs_cli.design import Confinement, Design
     from cdobs_cli.exact.numbers import ExactMatrix
     from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, NoiseMaps, PlantView
-    from cdobs_cli.plant import Plant
+    from cdobs_cli.plant import Box, Plant
     from cdobs_cli.run import SimulationPlan
 
 
+Objective = Literal["given_period", "max_period", "decay_rate", "min_error"]
 _PERIODS = 50
+_DECLARE = "declare measurement.noise or plant.disturbance"
 
 
 class ConstantGain(Family):
@@ -37,8 +41,11 @@ class ConstantGain(Family):
     rate is at least this over the period. with_rates: whether the certificate kept is the fastest that is found.
     """
 
-    objective: Literal["given_period", "max_period", "decay_rate"]
+    objective: Objective
     rate_at_least: NonNegativeNumber | None = None
+    error_at_most: dict[str, PositiveNumber] | None = None
+    weights: dict[str, NonNegativeNumber] | None = None
+    saturate: bool | Literal["auto"] = "auto"
     letter: ClassVar[str] = "K"
     error_source: ClassVar[str]
     rate_share: ClassVar[float] = 0.0
@@ -61,13 +68,36 @@ class ConstantGain(Family):
         """Ways of finding a gain, the first choice first."""
 
     def problems(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:
-        if self.rate_at_least is None or self.objective == "max_period":
-            return []
-        what = "a rate to be kept belongs to the longest period"
-        hint = "objective decay_rate looks for the fastest one"
-        return [
-            Problem(("observer", "rate_at_least"), what, got=self.objective, allowed="objective: max_period", hint=hint)
-        ]
+        return [*self._problems_of_rate(), *self._problems_of_errors(plant)]
+
+    def _problems_of_rate(self) -> Iterator[Problem]:
+        if self.rate_at_least is None or self.objective in ("max_period", "min_error"):
+            return
+        what = "a rate to be kept belongs to the longest period, or to the least error"
+        allowed, hint = "objective: max_period, or min_error", "objective decay_rate looks for the fastest one"
+        yield Problem(("observer", "rate_at_least"), what, got=self.objective, allowed=allowed, hint=hint)
+
+    def _problems_of_errors(self, plant: Plant) -> Iterator[Problem]:
+        declared = plant.is_perturbed
+        if self.objective == "min_error" and not declared:
+            yield Problem(("observer", "objective"), "least error needs noise or a disturbance", hint=_DECLARE)
+        for name, typed in (("error_at_most", self.error_at_most), ("weights", self.weights)):
+            if typed is None:
+                continue
+            at = ("observer", name)
+            for state in typed:
+                if state not in plant.states:
+                    yield Problem((*at, state), "is no state", state, ", ".join(plant.states))
+            if not declared:
+                yield Problem(at, "an error under noise needs noise or a disturbance", hint=_DECLARE)
+        if self.error_at_most is not None and self.objective == "decay_rate":
+            what, allowed = "an error to be kept does not go with the fastest rate", "another objective"
+            yield Problem(("observer", "error_at_most"), what, got=self.objective, allowed=allowed)
+        if self.error_at_most is not None and getattr(self, "gain", None) is not None:
+            what, hint = "an error to be kept belongs to a search for a gain", "of a given gain say it in `expect`"
+            yield Problem(("observer", "error_at_most"), what, hint=hint)
+        if self.weights is not None and self.weights and all(one.sign() == 0 for one in self.weights.values()):
+            yield Problem(("observer", "weights"), "one weight at least is positive")
 
     @property
     def wanted_rate(self) -> Fraction:
@@ -105,9 +135,11 @@ class ConstantGain(Family):
             f"smaller slopes may help"
         )
 
-    def beyond(self, question: Question, own: Sequence[Method]) -> tuple[list[Certificate], dict[str, Any]]:
-        """What else a design keeps: certificates of other gains, laws that no gain survives; the report's details."""
-        return [], {}
+    def beyond(self, question: Question, own: Sequence[Method]) -> Beyond:
+        """What else a design keeps."""
+        from cdobs_cli.certify.design import Beyond
+
+        return Beyond()
 
     def claims_beside(self, judgement: Judgement) -> tuple[list[Claim], dict[str, Bound]]:
         """What only this family's paper says of a design."""
@@ -147,6 +179,33 @@ class ConstantGain(Family):
         from cdobs_cli.certify.judge import levels
 
         return tuple(level.bounds for level in levels(self, plant, design))
+
+    def noisy_transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
+        from cdobs_cli.certify.judge import noisy_transients
+
+        return noisy_transients(self, plant, design)
+
+    def finished(self, plant: Plant, design: Design, effort: int) -> Design:
+        from cdobs_cli.certify.design import finished
+
+        return finished(self, plant, design, effort)
+
+    def bounds_from(self, plant: Plant, design: Design, start: Box, effort: int) -> Sequence[Certificate]:
+        from cdobs_cli.certify.accuracy import sized
+
+        question = self.question(replace(plant, sampling=design.sampling), design.gain, effort)
+        return tuple(one.method.certificate() for one in sized(question.started(start)))
+
+    def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:
+        """A margin that holds under the declared disturbance and noise comes before one that holds without them, and so
+        does a continuation."""
+        from cdobs_cli.bounds.estimate import confine
+
+        noisy = self.noisy_transients(plant, design)
+        within = confine(plant, self.saturate, noisy, start) if noisy else None
+        if within is not None and within.way != "open":
+            return within
+        return confine(plant, self.saturate, self.transients(plant, design), start)
 
     def envelope(self, plant: Plant, design: Design, check: Check) -> Mapping[str, Any] | None:
         from cdobs_cli.certify.judge import envelope

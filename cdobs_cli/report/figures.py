@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 BLUE, VERMILLION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
-ROLE_COLOURS = {"truth": BLACK, "estimate": BLUE, "proved": GREEN, "refuted": VERMILLION, "measured": ORANGE}
+ROLE_COLOURS = {
+    "truth": BLACK, "estimate": BLUE, "proved": GREEN, "refuted": VERMILLION, "measured": ORANGE, "beside": VERMILLION,
+}  # fmt: skip
 OTHER_COLOURS = (PURPLE, SKY, ORANGE, "#7F7F7F", BLUE, GREEN)
 # The first line of a role, then the further ones: dashes keep them apart where colours cannot.
 ROLE_DASHES: dict[str, Any] = {"estimate": (0, (5, 1.6)), "proved": (0, (6, 1.5, 1, 1.5)), "refuted": (0, (3, 1.2))}
@@ -151,6 +153,8 @@ def _draw_panel(ax: Axes, panel: Panel, known: set[str]) -> None:
     if panel.y_scale == "log" and _has_positive(panel):
         ax.set_yscale("log")
         _plain_ticks(ax.yaxis, ax.get_ylim())
+    if panel.y_range is not None:
+        ax.set_ylim(*panel.y_range)
     _legend(ax, known)
 
 
@@ -201,7 +205,7 @@ def _draw_series(ax: Axes, series: Series, index: int, *, many: bool, panel: Pan
     label = _mathematics(series.label)
     x = _drawable(series.x)
     y = _drawable(series.y, positive=panel.y_scale == "log")
-    width = 0.7 if many and index else 1.5
+    width = 0.7 if series.role == "beside" or (many and index) else 1.5
     line: dict[str, Any] = {"color": colour, "linestyle": "-" if many else dashes, "linewidth": width, "label": label}
     match series.kind:
         case "line":

@@ -31,6 +31,9 @@ BOUND_TITLES = {
     "delta_star": "Limit of the reachable set, δ*",
     "decay_rate": "Decay rate of the error",
     "final_width": "Final width of the interval",
+    "error": "Error in the long run, at most",
+    "error_transient": "Error on the way, at most",
+    "rms": "Root mean square error, at most",
 }
 # The bracket of the headline: the first of these that is known.
 HEADLINE_BOUNDS = ("period_max", "guaranteed_period", "positivity_period_max", "tau_max", "period_max_any_gain")
@@ -90,6 +93,7 @@ class Report:
     @cached_property
     def charts(self) -> tuple[Chart | Ladder, ...]:
         """Bracket, counterexamples, simulation, family; a family's chart takes the place of another of its name."""
+        from cdobs_cli.report.front import front_charts
         from cdobs_cli.report.ladder import period_ladder
         from cdobs_cli.report.witnesses import witness_charts
 
@@ -98,6 +102,7 @@ class Report:
         if self.check is not None:
             common += [self.labels.chart(one) for one in witness_charts(self.check)]
         common += self.run_charts
+        common += [self.labels.chart(one, self._axes) for one in front_charts(self.design, self.plant.states)]
         own = {chart.name for chart in self.exhibits.charts}
         return (*(chart for chart in common if chart.name not in own), *self.exhibits.charts)
 
@@ -110,7 +115,8 @@ class Report:
             return ()
         checked = self.check if self.design.outcome != "none" else None
         envelope = None if checked is None else self.family.envelope(self.plant, self.design, checked)
-        charts = run_charts(self.plant, self.run, envelope, self.coordinates)
+        bounds = {} if checked is None else checked.bounds
+        charts = run_charts(self.plant, self.run, envelope, self.coordinates, bounds)
         return tuple(self.labels.chart(one, self._axes) for one in charts)
 
     @property
@@ -119,7 +125,8 @@ class Report:
         from cdobs_cli.report.trajectories import axis_name
 
         names = self.labels.states
-        return {axis_name(name): name for name in names} | {f"width of {name}": name for name in names}
+        axes = {axis_name(name): name for name in names} | {f"width of {name}": name for name in names}
+        return axes | {f"error of {axis_name(name)}": name for name in names}
 
     @cached_property
     def versions(self) -> dict[str, str]:
@@ -182,6 +189,8 @@ class Report:
     def conditions(self) -> tuple[str, ...]:
         """What the headline takes for granted."""
         conditions = []
+        if self.design.outcome == "short" and self.status == "proved" and self.design.reason:
+            conditions.append(f"Short of what was asked: {self.design.reason}.")
         if self.domain and self.design.estimate.way != "everywhere":
             conditions.append(self._assumption)
         name = self.headline_bound[0] if self.headline_bound else None

@@ -30,6 +30,26 @@ def replay_chart(name: str, claim: str, arrays: dict[str, Array], entries: Seque
     return Chart(name, "Counterexample, run", f"The error under the counterexample to {claim}.", (error, *slopes))
 
 
+def attained_chart(
+    name: str, claim: str, label: str, state: int, arrays: dict[str, Array], entries: Sequence[tuple[int, int]]
+) -> Chart:
+    """The error of one state, where it is as large as was proved, above V(t) and the disturbance.
+
+    Args:
+        arrays: t (N,), e (N, size), V (N, slopes), d (N, n), at (M,), as the replay stores them.
+    """
+    t, e, at = arrays["t"], arrays["e"][:, state], arrays["at"]
+    reached = Series("as large as was proved", t[at], e[at], "points", "refuted")
+    panels = [Panel("time (s)", f"error of {label}", (Series("error", t, e, "line", "refuted"), reached))]
+    for k, (i, j) in enumerate(entries[:MAX_SLOPES]):
+        slope = Series("slope of the counterexample", t, arrays["V"][:, k], "steps", "refuted")
+        panels.append(Panel("time (s)", f"$v_{{{i + 1}{j + 1}}}$", (slope,)))
+    for j in np.flatnonzero(np.any(arrays["d"], axis=0))[:MAX_SLOPES]:
+        fed = Series("disturbance of the counterexample", t, arrays["d"][:, j], "steps", "refuted")
+        panels.append(Panel("time (s)", f"$d_{{{j + 1}}}$", (fed,)))
+    return Chart(name, "Counterexample, run", f"The error under the counterexample of {claim}.", tuple(panels))
+
+
 def crossing_chart(name: str, claim: str, states: Sequence[str], arrays: dict[str, Array]) -> Chart:
     """Each state between its bounds, up to where one of them has crossed it.
 

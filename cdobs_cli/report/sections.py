@@ -10,6 +10,7 @@ from cdobs_cli.certificate import Bound, Claim, Witness
 from cdobs_cli.chart import Table
 from cdobs_cli.labels import Labels
 from cdobs_cli.report import systems
+from cdobs_cli.report.accuracy import accuracy
 from cdobs_cli.report.blocks import (
     Block,
     Bullets,
@@ -23,6 +24,7 @@ from cdobs_cli.report.blocks import (
     Picture,
     Section,
 )
+from cdobs_cli.report.front import front_table
 from cdobs_cli.report.ladder import Ladder
 from cdobs_cli.report.model import Report, bound_title, domain_text
 from cdobs_cli.report.numbers import (
@@ -39,7 +41,7 @@ from cdobs_cli.report.witnesses import witness_name
 from cdobs_cli.run import RunSummary
 
 MAX_RUN_ROWS = 20
-_SIMULATION_CHARTS = ("states", "typed_states", "error", "sampling")
+_SIMULATION_CHARTS = ("states", "typed_states", "error", "accuracy", "sampling")
 
 
 def sections(report: Report) -> tuple[Section, ...]:
@@ -64,6 +66,12 @@ def _plant(report: Report) -> Section:
             pairs = enumerate(zip(box.lower, box.upper, strict=True), start=1)
             ends = ", ".join(f"{letter}{i} in [{low}, {up}]" for i, (low, up) in pairs)
             blocks.append(Paragraph(f"{what}: {ends}."))
+    if plant.intensity is not None:
+        words = f"Disturbance: white, of the intensity Q (the covariance of its integral, per {report.labels.time}):"
+        blocks += [Paragraph(words), Mathematics(systems.gain_equations({"Q": plant.intensity}))]
+    if plant.covariance is not None:
+        words = "Measurement noise: of mean 0 and the covariance R, independent from sample to sample:"
+        blocks += [Paragraph(words), Mathematics(systems.gain_equations({"R": plant.covariance}))]
     if report.labels.states:
         told = ", ".join(f"{name} in {unit}" for name, unit in report.labels.states.items())
         blocks.append(Paragraph(f"Units: {told}, time in {report.labels.time}."))
@@ -239,11 +247,12 @@ def _witnesses(report: Report) -> Section:
             if first != claim.id:
                 blocks.append(Paragraph(f"{claim.id}: the same counterexample as {first}."))
                 continue
-            blocks += [Paragraph(f"{claim.id}: {witness_text(claim.witness)}"), *_arcs(claim.witness, report.labels)]
-            if claim.witness.data:
-                blocks.append(_data(claim.witness))
+            blocks.append(Paragraph(f"{claim.id}: {witness_text(claim.witness)}"))
+            if claim.witness.kind != "noise":  # that is a word of hundreds of numbers, for `simulate --witness`
+                blocks += _arcs(claim.witness, report.labels)
+                blocks += [_data(claim.witness)] if claim.witness.data else []
             blocks += [Picture(chart) for chart in report.charts if chart.name == witness_name(claim)]
-            if claim.witness.kind in ("constant", "switching", "box"):
+            if claim.witness.kind in ("constant", "switching", "box", "noise"):
                 blocks.append(Listing((f"cdobs simulate {quote(report.spec_path)} --witness {claim.id}",)))
     return Section("Counterexamples", tuple(blocks))
 
@@ -254,6 +263,7 @@ def witness_text(witness: Witness) -> str:
         "constant": "constant slopes defeat the claim", "switching": "slopes that switch defeat the claim",
         "vector": "a vector defeats the claim", "point": "a point of the domain defeats the claim",
         "box": "a box of x(0) and a word of sampling periods defeat the claim",
+        "noise": "slopes, disturbance and noise, repeated, make the error as large as is said",
     }[witness.kind]  # fmt: skip
     if witness.kind == "constant" and not any(witness.values):
         kind = "sampling at this period defeats the claim"
@@ -313,6 +323,7 @@ def _simulation(report: Report) -> Section:
     blocks: list[Block] = [*_signals(report), Grid(columns, tuple(rows), "", caption)]
     if overall.departure is not None:
         blocks.append(Paragraph(f"{departure_sentence(overall.departure, report.labels)}."))
+    blocks += accuracy(report)
     blocks += [Picture(chart) for chart in report.charts if chart.name in _SIMULATION_CHARTS]
     return Section("Simulation", tuple(blocks))
 
@@ -346,6 +357,9 @@ def _exhibits(report: Report) -> Section:
     blocks: list[Block] = []
     if report.exhibits.notes:
         blocks.append(Bullets(report.exhibits.notes))
+    front = front_table(report.design, report.plant.states)
+    if front is not None:
+        blocks.append(_table(report.labels.table(front)))
     blocks += [_table(table) for table in report.exhibits.tables]
     elsewhere = {*_SIMULATION_CHARTS, *(witness_name(claim) for claim in (report.check.claims if report.check else ()))}
     shown = [chart for chart in report.charts if not isinstance(chart, Ladder) and chart.name not in elsewhere]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from cdobs_cli.certificate import Bound, Status
+from cdobs_cli.labels import OF_STATES
 from cdobs_cli.report.model import Report
 from cdobs_cli.report.numbers import ends_text, margin_text, unit_text
 
@@ -31,7 +32,9 @@ def summary_lines(report: Report) -> list[str]:
             lines.append(f"  family: {one['family']} ({one['why']})")
     lines.append(f"  sampling: {report.design.sampling.text(report.labels.time)}")
     for name, bound in report.check.bounds.items() if report.check else ():
-        if "." not in name and (bound.proved is not None or bound.refuted is not None):
+        if ("." not in name or name.partition(".")[0] in OF_STATES) and (
+            bound.proved is not None or bound.refuted is not None
+        ):
             method = f" (by {bound.method})" if bound.method else ""
             lines.append(f"  {name}: {ends_sentence(bound)}{method}")
     lines += [f"  condition: {condition}" for condition in report.conditions]

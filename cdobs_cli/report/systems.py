@@ -42,15 +42,15 @@ def plant_equations(plant: Plant) -> tuple[Equation, ...]:
         if plant.B is not None:
             total = total + sum(weighted(plant.B, i, (Variable(source.name) for source in plant.inputs)), ZERO)
         total = total + plant.phi[i]
-        rows.append(total if plant.disturbance is None else total + Variable(f"d.{i}"))
+        rows.append(total + Variable(f"d.{i}") if plant.is_disturbed else total)
     return _equations(map(dotted, map(name_formula, plant.states)), rows)
 
 
 def output_equations(plant: Plant) -> tuple[Equation, ...]:
     """What is measured at t_k."""
     names = (typeset.applied(name, Script(Symbol("t"), Symbol("k"))) for name in _outputs(plant.p))
-    noisy = plant.noise is not None
-    return _equations(names, [row + Variable(f"v.{k}") if noisy else row for k, row in enumerate(plant.outputs())])
+    rows = plant.outputs()
+    return _equations(names, [row + Variable(f"v.{k}") if plant.is_noisy else row for k, row in enumerate(rows)])
 
 
 def _outputs(count: int) -> list[Formula]:
@@ -60,7 +60,7 @@ def _outputs(count: int) -> list[Formula]:
 
 def typed_equations(typed: TypedDynamics) -> tuple[Equation, ...]:
     """xdot = f(x, u) + d in the user's states."""
-    disturbed = typed.disturbance is not None
+    disturbed = typed.disturbance is not None or typed.intensity is not None
     rows = [one + Variable(f"d.{i}") if disturbed else one for i, one in enumerate(typed.dynamics)]
     return _equations(map(dotted, map(name_formula, typed.states)), rows)
 

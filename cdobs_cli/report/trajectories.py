@@ -3,14 +3,17 @@ with its proved envelope."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cdobs_cli.certificate import Bound
 from cdobs_cli.chart import Chart, Panel, Series, SeriesKind
 from cdobs_cli.plant import Plant
 from cdobs_cli.report.equations import GREEK, latex, name_formula
+from cdobs_cli.report.numbers import float_or_none
 
 if TYPE_CHECKING:
     from cdobs_cli.coordinates import Coordinates
@@ -19,6 +22,8 @@ if TYPE_CHECKING:
 MAX_PANELS = 8
 MAX_RUNS = 20
 MAX_STEMS = 150
+_FAR_BELOW = 0.01
+_ROOM = 1.3  # of an axis beyond what it is for
 
 
 def axis_name(name: str) -> str:
@@ -30,17 +35,18 @@ def axis_name(name: str) -> str:
 
 
 def run_charts(
-    plant: Plant, run: Run, envelope: Mapping[str, Any] | None = None, coordinates: Coordinates | None = None
-) -> tuple[Chart, ...]:
+    plant: Plant, run: Run, envelope: Mapping[str, Any] | None = None, coordinates: Coordinates | None = None,
+    bounds: Mapping[str, Bound] | None = None,
+) -> tuple[Chart, ...]:  # fmt: skip
     """The common charts of a run; the first trajectory stands for the states, all of them for the error."""
     if not run.trajectories or len(run.trajectories[0].t) < 2:
         return ()
     charts = [states_chart(plant, run.trajectories[0], len(run.trajectories))]
     if coordinates is not None and "x_hat" in run.trajectories[0].estimates:
         charts.append(typed_states_chart(coordinates, run.trajectories[0]))
-    error = error_chart(run, envelope)
-    intervals = intervals_chart(run.trajectories[0])
-    return (*charts, *(chart for chart in (error, intervals) if chart is not None))
+    error, intervals = error_chart(run, envelope), intervals_chart(run.trajectories[0])
+    accuracy = None if run.comparison is None else accuracy_chart(plant, run, bounds or {})
+    return (*charts, *(chart for chart in (error, accuracy, intervals) if chart is not None))
 
 
 def states_chart(plant: Plant, trajectory: Trajectory, runs: int = 1) -> Chart:
@@ -116,12 +122,51 @@ def error_chart(run: Run, envelope: Mapping[str, Any] | None) -> Chart | None:
     if envelope is not None and start > 0:
         t = np.linspace(float(first.t[0]), float(first.t[-1]), 200)
         bound = float(envelope["factor"]) * start * np.exp(-float(envelope["rate"]) * (t - t[0]))
-        series.append(Series("proved envelope", t, bound, "line", "proved"))
+        # Far below the errors of a noisy run it would only press them together.
+        errors = np.concatenate([one.y for one in series])
+        keep = bound >= _FAR_BELOW * float(np.min(errors, where=errors > 0, initial=np.inf))
+        series.append(Series("proved envelope", t[keep], bound[keep], "line", "proved"))
         caption += " The envelope holds for every plant of the class, without disturbance and noise."
     if len(run.trajectories) > MAX_RUNS:
         caption += f" The first {MAX_RUNS} of {len(run.trajectories)} runs are drawn."
     panel = Panel("time (s)", r"$|x - \hat{x}|$", tuple(series), y_scale="log")
     return Chart("error", "Estimation error", caption, (panel,))
+
+
+def accuracy_chart(plant: Plant, run: Run, bounds: Mapping[str, Bound]) -> Chart | None:
+    """The error of each state under the declared disturbance and noise, within its proved bound, above that of the
+    filter beside it; what is left of the initial error goes beyond the axes."""
+    first = run.trajectories[0]
+    if "x_hat" not in first.estimates:
+        return None
+    panels, errors = [], first.estimates["x_hat"] - first.x
+    for j, name in enumerate(plant.states[:MAX_PANELS]):
+        kind = next((kind for kind in ("error", "rms") if f"{kind}.{name}" in bounds), None)
+        proved = None if kind is None else float_or_none(bounds[f"{kind}.{name}"].proved)
+        series = [Series("observer", first.t, errors[:, j], "line", "estimate")]
+        largest = _largest(first.t, errors[:, j])
+        if run.filtered is not None:
+            theirs = run.filtered.error[:, j]
+            series.append(Series("Kalman filter", run.filtered.t, theirs, "line", "beside"))
+            largest = max(largest, _largest(run.filtered.t, theirs))
+        if proved is not None and math.isfinite(proved):
+            label, ends = f"proved bound{' of the rms' if kind == 'rms' else ''}", [first.t[0], first.t[-1]]
+            series.insert(0, Series(label, ends, [-proved, -proved], "band", "proved", [proved, proved]))
+            largest = max(largest, proved)
+        seen = (-_ROOM * largest, _ROOM * largest) if 0 < largest < math.inf else None
+        panels.append(Panel("time (s)", f"error of {axis_name(name)}", tuple(series), y_range=seen))
+    caption = "Estimate less state in run 1; the axes are for what is left after the transient, which goes beyond them."
+    if run.filtered is not None:
+        caption += " The thin line is the extended Kalman filter on the same measurements."
+    if plant.n > MAX_PANELS:
+        caption += f" The first {MAX_PANELS} of {plant.n} states are drawn."
+    return Chart("accuracy", "Accuracy", caption, tuple(panels))
+
+
+def _largest(t: Any, error: Any) -> float:
+    """Of an error, over the second half of its time."""
+    late = error[t >= (t[0] + t[-1]) / 2]
+    return float(np.abs(late[np.isfinite(late)]).max(initial=0.0))
 
 
 def intervals_chart(trajectory: Trajectory) -> Chart | None:

@@ -2,7 +2,8 @@
 
 Keys: t, x, one per estimate (x_hat, or x_lower and x_upper), t_k, y_k, `input.<name>`, `internal.<name>`;
 all runs one after the other, run r in [offsets[r], offsets[r + 1]) of what is over t and
-[sample_offsets[r], sample_offsets[r + 1]) of t_k and y_k; `stopped`, one text a run, empty where none.
+[sample_offsets[r], sample_offsets[r + 1]) of t_k and y_k; `stopped`, one text a run, empty where none; where a filter
+was run beside, `filter.t` and `filter.error`, its error in run 0.
 """
 
 from __future__ import annotations
@@ -19,10 +20,11 @@ from numpy.typing import NDArray
 
 from cdobs_cli.codec import read
 from cdobs_cli.errors import ArtefactError
-from cdobs_cli.run import Run, RunSummary, Trajectory
+from cdobs_cli.run import Comparison, Filtered, Run, RunSummary, Trajectory
 
 MAX_BYTES = 2**30
 ON_GRID, AT_SAMPLES, PER_RUN = ("t", "x"), ("t_k", "y_k"), ("offsets", "sample_offsets", "stopped")
+OF_FILTER = ("filter.t", "filter.error")
 
 
 def arrays(run: Run) -> dict[str, NDArray[Any]]:
@@ -35,11 +37,16 @@ def arrays(run: Run) -> dict[str, NDArray[Any]]:
         for one in every
     ]
     together = {name: np.concatenate([own[name] for own in named]) for name in named[0]}
-    return together | {
-        "offsets": np.cumsum([0, *(len(one.t) for one in every)], dtype=np.int64),
-        "sample_offsets": np.cumsum([0, *(len(one.t_k) for one in every)], dtype=np.int64),
-        "stopped": np.array([one.stopped or "" for one in every]),
-    }
+    beside = () if run.filtered is None else (run.filtered.t, run.filtered.error)
+    return (
+        together
+        | dict(zip(OF_FILTER, beside, strict=False))
+        | {
+            "offsets": np.cumsum([0, *(len(one.t) for one in every)], dtype=np.int64),
+            "sample_offsets": np.cumsum([0, *(len(one.t_k) for one in every)], dtype=np.int64),
+            "stopped": np.array([one.stopped or "" for one in every]),
+        }
+    )
 
 
 def to_bytes(run: Run) -> bytes:
@@ -93,7 +100,8 @@ def _array(content: bytes) -> NDArray[Any]:
 
 
 def _run(stored: Mapping[str, NDArray[Any]], document: Mapping[str, Any]) -> Run:
-    names = [name for name in stored if name not in ON_GRID and name not in AT_SAMPLES and name not in PER_RUN]
+    known = (*ON_GRID, *AT_SAMPLES, *PER_RUN, *OF_FILTER)
+    names = [name for name in stored if name not in known]
     estimates = [name for name in names if not name.startswith(("input.", "internal."))]
     inputs = [name.removeprefix("input.") for name in names if name.startswith("input.")]
     internals = [name.removeprefix("internal.") for name in names if name.startswith("internal.")]
@@ -113,7 +121,25 @@ def _run(stored: Mapping[str, NDArray[Any]], document: Mapping[str, Any]) -> Run
     if len(summaries) != len(trajectories):
         raise ValueError("the numbers of runs differ")
     overall, digests = read(RunSummary, document["overall"]), read(dict[str, str], document["digests"])
-    return Run(tuple(trajectories), summaries, overall, digests)
+    comparison = read(Comparison, document["comparison"]) if "comparison" in document else None
+    return Run(tuple(trajectories), summaries, overall, digests, comparison, _filtered(stored))
+
+
+def _filtered(stored: Mapping[str, NDArray[Any]]) -> Filtered | None:
+    """Raises: KeyError, ValueError for arrays that do not fit together."""
+    if not any(name in stored for name in OF_FILTER):
+        return None
+    t, error = (stored[name] for name in OF_FILTER)
+    shapes = t.shape, error.shape
+    if (
+        shapes != ((len(t),), (len(t), stored["x"].shape[1]))
+        or len(t) < 2
+        or {t.dtype, error.dtype} != {np.dtype(float)}
+    ):
+        raise ValueError("the error of a filter that is not one number a state and time")
+    if not np.all(np.isfinite(t)):
+        raise ValueError("times that are not finite")
+    return Filtered(t, error)
 
 
 def _refuse_misshapen(stored: Mapping[str, NDArray[Any]], estimates: list[str], others: list[str]) -> None:

@@ -5,6 +5,8 @@ xdot = f(t, x),  t_k <= t < t_(k+1);    y_k = C x(t_k) + v_k;    x+ = g(x-, y_k)
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from cdobs_cli.arrays import Array, Integers
@@ -13,6 +15,7 @@ from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.run import Run, SimulationPlan
 from cdobs_cli.sampling import SamplingLaw
+from cdobs_cli.simulate.disturbance import Disturbance, longest_sub_step
 from cdobs_cli.simulate.integrator import End, ManyRuns, OneRun, Progress
 from cdobs_cli.simulate.loop import ClosedLoop
 from cdobs_cli.simulate.record import Grid, Record
@@ -27,12 +30,20 @@ MAX_SAMPLES, MAX_SAMPLES_TOGETHER = 50_000, 5_000_000
 MAX_STEPS, MAX_STEPS_TOGETHER = 200_000, 4_000_000
 
 
-def simulate(system: HybridSystem, plan: SimulationPlan, law: SamplingLaw) -> Run:
+def simulate(
+    system: HybridSystem, plan: SimulationPlan, law: SamplingLaw, *, first: int = 0, max_steps: int = MAX_STEPS
+) -> Run:
     """Run plant and observer together over [0, horizon].
 
-    Sampling starts at t_0 = 0. The seed fixes initial states drawn from the box, aperiodic periods (uniform
-    over their law) and noise; what a run sees does not depend on the other runs. An input or disturbance
-    without a signal is 0; an initial estimate that is not given is the middle of the known box, or 0.
+    Sampling starts at t_0 = 0. The seed fixes initial states drawn from the box, aperiodic periods (uniform over their
+    law), disturbance and noise; what a run sees does not depend on the other runs. Without typed signals, noise is
+    uniform in its box or normal with its covariance, a bounded disturbance uniform in its box and held from sample to
+    sample, a white one as in `disturbance`. An input without a signal is 0; an initial estimate that is not given is
+    the middle of the known box, or 0.
+
+    Args:
+        first: the number of the first run: runs of the same number see the same.
+        max_steps: of the integration, of one run.
 
     Raises:
         SpecError: a signal outside its declared interval, a period outside the law, a start that needs a box
@@ -40,7 +51,7 @@ def simulate(system: HybridSystem, plan: SimulationPlan, law: SamplingLaw) -> Ru
     """
     with np.errstate(all="ignore"):
         try:
-            simulation = _Simulation(system, plan, law)
+            simulation = _Simulation(system, plan, law, first, max_steps)
             simulation.begin()
         except OverflowError as error:
             what = "a number that is too large to be simulated"
@@ -51,32 +62,34 @@ def simulate(system: HybridSystem, plan: SimulationPlan, law: SamplingLaw) -> Ru
 class _Simulation:
     """One call of `simulate`; all runs, each at its own time."""
 
-    def __init__(self, system: HybridSystem, plan: SimulationPlan, law: SamplingLaw) -> None:
+    def __init__(
+        self, system: HybridSystem, plan: SimulationPlan, law: SamplingLaw, first: int, max_steps: int
+    ) -> None:
         self.plan, self.runs, self.horizon = plan, plan.runs, float(plan.horizon)
         _refuse_impossible(system, plan)
         box = plan.initial_box
         self.box = None if box is None else (_columns(box.lower, self.runs), _columns(box.upper, self.runs))
         signals = Signals.of(system.plant, plan.signals, system.observer.control)
         self.loop = ClosedLoop(system, signals)
-        self.draws = Draws(plan.seed, self.runs)
+        self.draws = Draws(plan.seed, self.runs, first)
         self.noise = Noise(signals, self.draws)
         self.max_samples = min(MAX_SAMPLES, max(100, MAX_SAMPLES_TOGETHER // self.runs))
         chooses = system.observer.trigger is not None
         self.timetable = None if chooses else Timetable(law, plan, self.draws, self.max_samples)
-        self.max_steps = min(MAX_STEPS, max(1000, MAX_STEPS_TOGETHER // self.runs))
+        self.max_steps = min(max_steps, MAX_STEPS, max(1000, MAX_STEPS_TOGETHER // self.runs))
         kind = OneRun if self.runs == 1 else ManyRuns
         self.integrator = kind(self.loop, self.horizon, self.max_steps)
         self.watch = Watch(self.loop, self.runs)
         self.record = Record(Grid(self.horizon, self.loop.size, len(self.loop.held), self.runs))
         self.next = np.full(self.runs, self.horizon)
+        longest = longest_sub_step(None if chooses else float(law.T_max), self.horizon, self.max_steps)
+        self.disturbance = Disturbance(signals, self.draws, self.runs, longest)
 
     def run(self) -> Run:
         progress, watch = self.progress, self.watch
         going, index = np.flatnonzero(~watch.halted), 0
         while going.size:
-            ends = np.minimum(self.next[going], self.horizon)
-            codes = self.integrator.advance(going, progress, ends, self.record.grid, watch)
-            self._halt_stuck(going, codes)
+            codes = self._flow(going)
             due = going[(~watch.halted[going]) & ((codes == End.TRIGGERED) | (progress.t[going] >= self.next[going]))]
             index += 1
             if due.size and index >= self.max_samples:
@@ -90,7 +103,28 @@ class _Simulation:
         final_t = np.where(watch.halted, watch.stop_t, progress.t)
         final_y = np.where(watch.halted, watch.stop_y, progress.y)
         final_held = np.where(watch.halted, watch.stop_held, progress.held)
-        return summarise(self.loop, watch, self.record, final_t, final_y, final_held)
+        made = summarise(self.loop, watch, self.record, final_t, final_y, final_held)
+        return replace(made, steps=int(progress.steps.max()))
+
+    def _flow(self, runs: Integers) -> Integers:
+        """Flow the given runs to their next sample, or the horizon; a white disturbance is drawn anew on the way.
+
+        Returns the End code of each.
+        """
+        codes, live = np.full(len(runs), End.REACHED), np.arange(len(runs))
+        progress, last = self.progress, np.minimum(self.next[runs], self.horizon)
+        while live.size:
+            ids = runs[live]
+            ends = np.minimum(last[live], self.disturbance.until[ids])
+            codes[live] = self.integrator.advance(ids, progress, ends, self.record.grid, self.watch)
+            self._halt_stuck(ids, codes[live])
+            going = (codes[live] == End.REACHED) & ~self.watch.halted[ids] & (progress.t[ids] < last[live])
+            live = live[going]
+            if live.size:
+                ids = runs[live]
+                self.disturbance.at_sub_step(ids, progress.t[ids])
+                progress.held[self.loop.disturbance_rows, ids] = self.disturbance.values[:, ids]
+        return codes
 
     def begin(self) -> None:
         """Place all runs at t_0, measure there, and jump where the observer does."""
@@ -100,7 +134,8 @@ class _Simulation:
         held = np.zeros((len(self.loop.held), self.runs))
         measured = self.loop.measure(zeros, np.concatenate([x, no_observer]), held, self.noise.at(runs, 0, zeros))
         y = self.loop.start(measured, self.box, self._initial_estimate(), x)
-        self.progress = Progress.start(zeros.copy(), y, self.loop.hold(zeros, y, held, measured))
+        held_before = self.loop.hold(zeros, y, held, measured, self.disturbance.before(runs))
+        self.progress = Progress.start(zeros.copy(), y, held_before)
         self.watch.begin(zeros, y, self.progress.held)
         self._halt(runs[~np.isfinite(y).all(axis=0)], "the observer's start is undefined")
         self._jump(runs, 0, measured, jumps=self.loop.observer.jump_at_start)
@@ -116,14 +151,15 @@ class _Simulation:
         t, y, held = self.progress.at(runs)
         elapsed = t - held[-1]
         after = self.loop.jump(t, y, held, measured) if jumps else y
-        held_after = self.loop.hold(t, after, held, measured)
+        unknown = np.full(len(runs), np.inf)
+        self.next[runs] = unknown if self.timetable is None else self.timetable.after(runs, index, t)
+        self.disturbance.at_sample(runs, index, t, self.next[runs])
+        held_after = self.loop.hold(t, after, held, measured, self.disturbance.values[:, runs])
         self.record.measured.append((runs, t, measured))
         self.record.sides.add(index, runs, t, np.concatenate([y, held]), np.concatenate([after, held_after]))
         self.progress.y[:, runs], self.progress.held[:, runs] = after, held_after
         if self.timetable is not None:
-            self.next[runs] = self.timetable.after(runs, index, t)
             return
-        self.next[runs] = float("inf")
         going = ~self.watch.halted[runs]
         # 1e-12 of the horizon is below what an instant can be told apart by: instants that close accumulate.
         crowded = going & (elapsed < 1e-12 * self.horizon) & (index > 0)

@@ -1,8 +1,8 @@
 """The closed loop compiled: every expression of a hybrid system as a function of numbers.
 
 Every function takes (t, y, held): the time, all states (the plant's, then the observer's), and what is held
-between samples: the controlled inputs, the last measurement `last.y.0`, .. where an input is a function of it, and
-`t.k`, the time of the last sample.
+between samples: the controlled inputs, the last measurement `last.y.0`, .. where an input is a function of it, the
+disturbance `d.0`, .. where it is drawn, and `t.k`, the time of the last sample.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class ClosedLoop:
         # A measurement is held where an input reads it.
         kept = range(self.plant.p if signals.reads_measurements else 0)
         self.last_measured = tuple(f"{LAST_MEASURED}{k}" for k in kept)
-        self.held = (*self.controls, *self.last_measured, LAST_SAMPLE)
+        self.held = (*self.controls, *self.last_measured, *signals.held, LAST_SAMPLE)
         self.names = ("t", *system.states, *self.held)
         self.size = len(system.states)
         elapsed = {"elapsed": Variable("t") - Variable(LAST_SAMPLE)}
@@ -78,7 +78,7 @@ class ClosedLoop:
         self._jump = self._arrays(system.jump, (f"y.{k}" for k in range(self.plant.p)))
         self._control = self._arrays(tuple(self.observer.control.values()))
         seen = [*(row for rows in self.observer.estimates.values() for row in rows), *self.observer.internals.values()]
-        seen += [*(Variable(name) for name in self.controls), *inputs.values()]
+        seen += [*(Variable(name) for name in self.controls), *inputs.values(), *map(Variable, signals.held)]
         seen += [expression for expression, _ in self.observer.stops]
         self._see = self._arrays(seen)
         self._trigger = None if self.observer.trigger is None else self._arrays((self.observer.trigger,))
@@ -128,10 +128,16 @@ class ClosedLoop:
     def jump(self, t: Array, y: Array, held: Array, measured: Array) -> Array:
         return stacked(self._jump(t, *y, *held, *measured), len(t))
 
-    def hold(self, t: Array, y: Array, held: Array, measured: Array) -> Array:
+    @property
+    def disturbance_rows(self) -> slice:
+        """Where the disturbance stands in what is held."""
+        start = len(self.controls) + len(self.last_measured)
+        return slice(start, start + len(self.signals.held))
+
+    def hold(self, t: Array, y: Array, held: Array, measured: Array, d: Array) -> Array:
         """What is held from a sample at t on: the controlled inputs, evaluated after the jump, what was measured where
-        an input reads it, and t itself."""
-        kept = np.concatenate([measured[: len(self.last_measured)], t[None]])
+        an input reads it, the disturbance d where it is drawn, and t itself."""
+        kept = np.concatenate([measured[: len(self.last_measured)], d, t[None]])
         since = np.concatenate([held[: len(self.controls)], kept])
         return np.concatenate([stacked(self._control(t, *y, *since), len(t)), kept])
 
@@ -151,7 +157,8 @@ class ClosedLoop:
 
         estimates = {name: take(len(rows)) for name, rows in self.observer.estimates.items()}
         internals = {name: take(1)[0] for name in self.observer.internals}
-        signals = {name: take(1)[0] for name in (*self.controls, *self.signals.continuous)}
+        named = (*self.controls, *self.signals.continuous, *self.signals.held)
+        signals = {name: take(1)[0] for name in named}
         return View(y[: self.plant.n], estimates, internals, signals, take(len(self.observer.stops)))
 
 

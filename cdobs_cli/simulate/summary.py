@@ -25,7 +25,7 @@ def summarise(loop: ClosedLoop, watch: Watch, record: Record, final_t: Array, fi
         seen = loop.see(t, y, held)
         loop.signals.refuse_outside(t, seen.signals)
         inputs = {source.name: seen.signals[source.name] for source in loop.plant.inputs}
-        inputs |= {name: seen.signals[name] for name in loop.signals.continuous if name not in inputs}
+        inputs |= {name: values for name, values in seen.signals.items() if name.startswith("d.")}
         estimates = {name: rows.T for name, rows in seen.estimates.items()}
         path = Trajectory(t, seen.x.T, estimates, dict(seen.internals), t_k, y_k, inputs, watch.stopped[run])
         trajectories.append(path)
@@ -49,19 +49,29 @@ def summary(
     states: Sequence[str], path: Trajectory, seen: View, margin: float | None, *, diverged: bool,
     departure: Departure | None,
 ) -> RunSummary:  # fmt: skip
-    """The figures of one run. Periods are between its measurements, the one at t_0 included; rmse is the
-    root of the time average of the squared error (trapezoids over the output grid)."""
+    """The figures of one run. Periods are between its measurements, the one at t_0 included; rmse is the root of the
+    time average of the squared error (trapezoids over the output grid), of the whole run and of its second half, where
+    what is left of the initial error is small if the run is long enough to show anything."""
     # Instants are good to about 1e-12: digits beyond that are rounding of the differences.
     periods = [float(f"{period:.12g}") for period in np.diff(path.t_k)]
-    error, rmse, final = seen.error, {}, None
+    error, final = seen.error, None
+    rmse, late = dict[str, float](), dict[str, float]()
     if error is not None:
         final = _finite(_size(error[:, -1]))
-        means = {name: _finite(_root_mean_square(path.t, row)) for name, row in zip(states, error, strict=True)}
-        rmse = {name: value for name, value in means.items() if value is not None}
+        rmse, late = root_mean_squares(states, path.t, error), root_mean_squares(states, path.t, error, late=True)
     return RunSummary(
         len(path.t_k), min(periods, default=None), max(periods, default=None),
-        final, rmse, margin, diverged, departure is not None, departure, path.stopped,
+        final, rmse, late, margin, diverged, departure is not None, departure, path.stopped,
     )  # fmt: skip
+
+
+def root_mean_squares(states: Sequence[str], t: Array, error: Array, *, late: bool = False) -> dict[str, float]:
+    """Of each row of error (n, N) over t (N,), or over its second half; by state, those that floats hold."""
+    if late:
+        after = t >= t[0] + 0.5 * (1.0 - 1e-12) * (t[-1] - t[0])
+        t, error = t[after], error[:, after]
+    means = {name: _finite(_root_mean_square(t, row)) for name, row in zip(states, error, strict=True)}
+    return {name: value for name, value in means.items() if value is not None}
 
 
 def _root_mean_square(t: Array, values: Array) -> float:
@@ -83,16 +93,22 @@ def _finite(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
+def quadratic_means(figures: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Over runs, of each state that all of them have."""
+    return {
+        name: float(np.hypot.reduce([one[name] for one in figures])) / len(figures) ** 0.5
+        for name in figures[0]
+        if all(name in one for one in figures)
+    }
+
+
 def overall(summaries: Sequence[RunSummary]) -> RunSummary:
     """All runs as one: measurements added up; the shortest and longest period, the largest final error and the
     smallest margin of any run; rmse the quadratic mean over runs; flags set where any run sets them."""
     if len(summaries) == 1:
         return summaries[0]
-    rmse: Mapping[str, float] = {
-        name: float(np.hypot.reduce([summary.rmse[name] for summary in summaries])) / len(summaries) ** 0.5
-        for name in summaries[0].rmse
-        if all(name in summary.rmse for summary in summaries)
-    }
+    rmse = quadratic_means([summary.rmse for summary in summaries])
+    late = quadratic_means([summary.rmse_after_transient for summary in summaries])
     stops = [f"run {index + 1}: {summary.stopped}" for index, summary in enumerate(summaries) if summary.stopped]
     stopped = None if not stops else stops[0] if len(stops) == 1 else f"{stops[0]}; and {len(stops) - 1} more"
 
@@ -102,7 +118,7 @@ def overall(summaries: Sequence[RunSummary]) -> RunSummary:
     return RunSummary(
         sum(one.measurements for one in summaries),
         min(known("period_min"), default=None), max(known("period_max"), default=None),
-        max(known("error_final"), default=None), rmse, min(known("inclusion_margin"), default=None),
+        max(known("error_final"), default=None), rmse, late, min(known("inclusion_margin"), default=None),
         any(one.diverged for one in summaries), any(one.left_domain for one in summaries),
         min(known("departure"), key=lambda departure: departure.time, default=None), stopped,
     )  # fmt: skip

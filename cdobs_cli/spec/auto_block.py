@@ -8,14 +8,14 @@ from typing import Any, Literal, get_args
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.families import FAMILIES, Family
-from cdobs_cli.fields import NonNegativeNumber
+from cdobs_cli.families.constant_gain import Objective
+from cdobs_cli.fields import NonNegativeNumber, PositiveNumber
 from cdobs_cli.plant import Plant
 from cdobs_cli.run import SimulationPlan
 from cdobs_cli.spec.block import Block
 
 AUTO = "auto"
 LONGEST_GOT = 40  # characters of what a family does not take, in a line
-Objective = Literal["given_period", "max_period", "decay_rate"]
 
 
 class AutoBlock(Block):
@@ -25,12 +25,16 @@ class AutoBlock(Block):
     family: Literal["auto"] = "auto"
     objective: Objective | None = None
     rate_at_least: NonNegativeNumber | None = None
+    error_at_most: dict[str, PositiveNumber] | None = None
+    weights: dict[str, NonNegativeNumber] | None = None
 
     @property
     def options(self) -> dict[str, Any]:
         """What was typed, for a family's card."""
         objective = "max_period" if self.objective is None and self.rate_at_least is not None else self.objective
-        typed = {"objective": objective, "rate_at_least": self.rate_at_least}
+        typed = {"objective": objective} | {
+            name: getattr(self, name) for name in ("rate_at_least", "error_at_most", "weights")
+        }
         return {name: value for name, value in typed.items() if value is not None}
 
 

@@ -12,7 +12,8 @@ from cdobs_cli.exact.numbers import EXACT_ZERO, Exact
 from cdobs_cli.fields import NonNegativeNumber, PositiveNumber, Rows
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.spec.block import Block
-from cdobs_cli.spec.boxes import MAX_STATES, BoxBlock, box_problems, ordered, shape_problem
+from cdobs_cli.spec.boxes import MAX_STATES, ordered, shape_problem
+from cdobs_cli.spec.noise_block import NoiseBlock, noise_problems
 from cdobs_cli.spec.plant_block import PlantBlock
 
 
@@ -62,7 +63,7 @@ class MeasurementBlock(Block):
     required: ClassVar[tuple[str, ...]] = ("sampling",)
     C: Rows | None = None
     sampling: SamplingField | None = None
-    noise: BoxBlock | None = None
+    noise: NoiseBlock | None = None
 
 
 def measurement_problems(
@@ -84,7 +85,7 @@ def measurement_problems(
     elif measurement.C is None and "C" not in wrong_fields and plant is not None and plant.dynamics is None:
         yield Problem(("measurement", "C"), "is required")
     if measurement.noise is not None:
-        yield from box_problems(measurement.noise, ("measurement", "noise"), outputs, "output")
+        yield from noise_problems(measurement.noise, ("measurement", "noise"), outputs)
     law = measurement.sampling
     if isinstance(law, Aperiodic) and not ordered(law.shortest, law.max_period):
         at, what = ("measurement", "sampling", "min_period"), "min_period is above max_period"

@@ -87,7 +87,7 @@ class Spec:
     def normalised(self) -> dict[str, Any]:
         """The content that results depend on, as JSON: exact numbers as text; comments and title do not show."""
         plant = canonical(self.typed or self.plant)
-        measurement = {name: plant.pop(name) for name in ("C", "sampling", "noise")}
+        measurement = {name: plant.pop(name) for name in ("C", "sampling", "noise", "covariance")}
         rest = {name: canonical(getattr(self, name)) for name in ("observer", "simulation", "expect")}
         if self.choice is not None:
             rest["observer"] = canonical(self.choice.block)
@@ -212,8 +212,8 @@ class _Loader:
         if self.failed:
             raise self.fail()
 
-        noise = None if measurement.noise is None else measurement.noise.box()
-        typed = typed_plant(plant, measurement.C, sampling_law(measurement), noise, tuple(context["coordinates"]))
+        names = tuple(context["coordinates"])
+        typed = typed_plant(plant, measurement.C, sampling_law(measurement), measurement.noise, names)
         asked = None if simulation is None else plan(simulation)
         self.problems += () if asked is None else limit_problems(typed, asked)
         final, run, coordinates = self.derive(typed, asked)

@@ -12,11 +12,12 @@ from cdobs_cli.errors import Problem
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.fields import Rows, formula, sized, wrong
-from cdobs_cli.plant import Box, CoordinateMap, Domain, Input, Plant, TypedDynamics
+from cdobs_cli.plant import CoordinateMap, Domain, Input, Plant, TypedDynamics
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.spec.block import Block, Name, Text, unknown_key
-from cdobs_cli.spec.boxes import MAX_STATES, BoxBlock, IntervalField, box_problems, length_problem, shape_problem
+from cdobs_cli.spec.boxes import MAX_STATES, IntervalField, length_problem, shape_problem
 from cdobs_cli.spec.domain_block import DomainBlock
+from cdobs_cli.spec.noise_block import DisturbanceBlock, NoiseBlock, disturbance_problems
 from cdobs_cli.spec.slopes_block import SlopesField, slopes
 
 MAX_INPUTS = 16
@@ -103,7 +104,7 @@ class PlantBlock(Block):
     B: Rows | None = None
     lipschitz: SlopesField | None = None
     domain: DomainBlock | None = None
-    disturbance: BoxBlock | None = None
+    disturbance: DisturbanceBlock | None = None
     dynamics: _formulas("states", "inputs") | None = None  # type: ignore[valid-type]
     output: _formulas("states", "inputs") | None = None  # type: ignore[valid-type]
     coordinates: CoordinatesField | None = None
@@ -158,7 +159,8 @@ def plant_problems(
             if name not in states:
                 yield unknown_key(at("domain"), name, [*states, "where"])
     if plant.disturbance is not None:
-        yield from box_problems(plant.disturbance, at("disturbance"), n, "state")
+        moved = plant.coordinates is not None
+        yield from disturbance_problems(plant.disturbance, at("disturbance"), n, moved=moved)
 
 
 def _name_problems(plant: PlantBlock) -> Iterator[Problem]:
@@ -174,7 +176,7 @@ def _name_problems(plant: PlantBlock) -> Iterator[Problem]:
 
 
 def typed_plant(
-    plant: PlantBlock, C: ExactMatrix | None, sampling: SamplingLaw, noise: Box | None, names: tuple[str, ...]
+    plant: PlantBlock, C: ExactMatrix | None, sampling: SamplingLaw, noise: NoiseBlock | None, names: tuple[str, ...]
 ) -> Plant | TypedDynamics:
     """The noun behind a block without problems; `names` are of the states that A and phi are in."""
     assert plant.states is not None
@@ -184,7 +186,10 @@ def typed_plant(
         "states": plant.states, "B": plant.B, "sampling": sampling,
         "inputs": tuple(Input(name, None if one is None else one.range) for name, one in blocks),
         "domain": Domain() if plant.domain is None else plant.domain.domain(),
-        "disturbance": None if plant.disturbance is None else plant.disturbance.box(), "noise": noise,
+        "disturbance": None if plant.disturbance is None else plant.disturbance.box,
+        "intensity": None if plant.disturbance is None else plant.disturbance.intensity,
+        "noise": None if noise is None else noise.box,
+        "covariance": None if noise is None else noise.second_moment,
     }  # fmt: skip
     if plant.dynamics is None:
         assert plant.A is not None and plant.phi is not None and C is not None

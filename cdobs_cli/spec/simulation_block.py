@@ -60,7 +60,7 @@ Noise = Annotated[Expression, formula("t", functions=NOISE_FUNCTIONS)]
 
 class SignalsBlock(Block):
     """Inputs by name, `d` the disturbance, `v` the noise at samples: expressions of t, inputs also of the estimate and
-    of the last measurement."""
+    of the last measurement. Without `d` or `v` they are drawn, with the seed, within what is declared."""
 
     model_config = ConfigDict(extra="allow", frozen=True, arbitrary_types_allowed=True, defer_build=True)
     __pydantic_extra__: dict[str, InputSignal]

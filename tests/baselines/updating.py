@@ -103,8 +103,8 @@ class Comparison:
     def kalman(self, period: str, q: str) -> Point:
         """R is the variance of the uniform noise, P(0) that of the initial box; q acts on the last state."""
         variance = Exact(Fraction(1, 3) * Fraction(self.noise) ** 2)
-        one_third = (Exact("1/3"), Exact("1/3"))
-        observer = extended_kalman_filter(self.spec.plant, (Exact(0), Exact(q)), variance, one_third)
+        Q, P_0 = ExactMatrix([[0, 0], [0, q]]), ExactMatrix([["1/3", 0], [0, "1/3"]])
+        observer = extended_kalman_filter(self.spec.plant, Q, ExactMatrix([[variance]]), P_0)
         return self.point("Kalman filter", f"period {period}, q {q}", observer, SamplingLaw.periodic(Exact(period)))
 
     def points(

@@ -1,9 +1,12 @@
 """Whether a plant stays in its domain: tangent fields need unique solutions, inward ones do not."""
 
+from dataclasses import replace
+
 import pytest
 from slope_plants import make_plant
 
 from cdobs_cli.bounds.invariance import domain_invariant
+from cdobs_cli.exact.numbers import ExactMatrix
 
 UNIT = {"x": ("0", "1")}
 
@@ -48,3 +51,23 @@ def test_the_neighbourhood_reaches_beyond_the_side_in_other_states_too() -> None
     box = {"x": ("0", "1"), "y": ("0", "1")}
     assert domain_invariant(make_plant(("x", "y"), ("-x", "-x*sqrt(y)"), box=box)).status == "undecided"
     assert domain_invariant(make_plant(("x", "y"), ("-x", "-y"), box=box)).status == "proved"
+
+
+@pytest.mark.parametrize(
+    ("intensity", "status"),
+    [([[1, 0], [0, 0]], "undecided"), ([[0, 0], [0, 1]], "proved"), ([[0, 0], [0, 0]], "proved")],
+)
+def test_a_white_disturbance_leaves_the_sides_open_that_it_moves_across(intensity, status) -> None:
+    """The domain limits x alone, and -x points inwards whatever y is."""
+    plant = make_plant(("x", "y"), ("-x", "-y"), box={"x": ("-1", "1")})
+    claim = domain_invariant(replace(plant, intensity=ExactMatrix(intensity)))
+    assert claim.status == status
+    assert ("white disturbance" in claim.statement) == (status == "undecided")
+    out = make_plant(("x", "y"), ("x", "-y"), box={"x": ("-1", "1")})
+    assert domain_invariant(replace(out, intensity=ExactMatrix(intensity))).status == "refuted"
+
+
+def test_a_white_disturbance_along_an_affine_limit_does_not_cross_it() -> None:
+    plant = make_plant(("x", "y"), ("-x", "-y"), where=("1 - x - y",))
+    for intensity, status in (([[1, -1], [-1, 1]], "proved"), ([[1, 1], [1, 1]], "undecided")):
+        assert domain_invariant(replace(plant, intensity=ExactMatrix(intensity))).status == status

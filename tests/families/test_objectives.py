@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from cdobs_cli.certificate import Certificate, Check
+from cdobs_cli.certify.lmi import ran_out
 from cdobs_cli.certify.methods.open_loop import OpenLoop
-from cdobs_cli.design import Design
+from cdobs_cli.design import Design, SolverRecord
 from cdobs_cli.errors import SpecError
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.pipeline import Work, check
@@ -129,3 +130,42 @@ def test_an_edited_open_loop_is_not_believed(tmp_path: Path) -> None:
 def test_a_rate_to_be_kept_belongs_to_the_longest_period(objective: str, tmp_path: Path) -> None:
     with pytest.raises(SpecError, match="objective: max_period"):
         spec(tmp_path, "[[-1]]", "[[1]]", "{max_period: 0.1}", "lpv_zoh", objective, rate_at_least="1")
+
+
+def test_a_rate_that_no_gain_keeps_is_told_and_the_longest_period_at_any_rate_is_kept(tmp_path: Path) -> None:
+    """x2 decays at 1 and no output shows it: the rate 3 is out of reach, and convergence is not."""
+    about = (tmp_path, "[[0, 0], [0, -1]]", "[[1, 0]]", "{period: 0.1}", "lpv_zoh", "max_period")
+    one = spec(*about, rate_at_least="3")
+    design, made = run(one, tmp_path)
+    assert design.outcome == "short" and made.verdict == "proved"
+    told = "no gain keeps the rate 3: an error along x2 decays at 1 and no output shows it"
+    assert design.reason is not None and design.reason.startswith(told)
+    assert float(design.sampling.T_max) > 0.1
+    kept = spec(
+        tmp_path, "[[0, 0], [0, -1]]", "[[1, 0]]", "{period: 0.1}", "lpv_zoh", "max_period", rate_at_least="0.5"
+    )
+    assert run(kept, tmp_path)[0].outcome == "found"
+
+
+@pytest.mark.parametrize(("a", "outcome"), [("-1", "found"), ("0", "none")])
+def test_the_gain_0_where_the_error_decays_by_itself(a: str, outcome: str, tmp_path: Path) -> None:
+    """y = u x with u in [-1, 1] tells x with either sign: no other gain helps at every sample."""
+    path = tmp_path / "spec.yaml"
+    path.write_text(f"""
+spec_version: 1
+plant: {{states: [x], inputs: {{u: {{range: [-1, 1]}}}}, dynamics: ["{a}*x"], output: ["u*x"]}}
+measurement: {{sampling: {{max_period: 0.1}}}}
+observer: {{family: lpv_zoh}}
+""")
+    design, made = run(load(path), tmp_path)
+    assert design.outcome == outcome and (made.verdict == "proved") is (outcome == "found")
+    assert outcome == "none" or design.gain["L"].texts() == [["0"]]
+
+
+def test_a_solver_that_ran_out_is_told() -> None:
+    def record(status: str) -> SolverRecord:
+        return SolverRecord("clarabel", "1", status, 3)
+
+    assert ran_out([]) is None and ran_out([record("Solved"), record("NumericalError")]) is None
+    told = ran_out([record("MaxIterations"), record("Solved"), record("MaxIterations")])
+    assert told == "the solver clarabel ran out in 2 of 3 calls (MaxIterations)"

@@ -125,7 +125,8 @@ def make_trajectory(seed: int = 0) -> Trajectory:
 
 
 def make_run(count: int = 1) -> Run:
-    summary = RunSummary(20, 0.6, 0.6, 2.2e-4, {"theta": 0.123456, "omega": 0.0617}, None, False, False)
+    whole, late = {"theta": 0.123456, "omega": 0.0617}, {"theta": 0.001234, "omega": 0.00061}
+    summary = RunSummary(20, 0.6, 0.6, 2.2e-4, whole, late, None, False, False)
     return Run(tuple(make_trajectory(i) for i in range(count)), (summary,) * count, summary, {"simulation": "d" * 64})
 
 

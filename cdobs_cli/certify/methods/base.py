@@ -137,7 +137,7 @@ class Method(ABC):
     name: how it is stored. rung: its line in the ladder of methods. source: whose theorem. how: how it is proved.
     statement: what it says, without the law. exact: whether the best gain that it finds is the best there is.
     endless: whether it holds however long the periods are. nonlinear_outputs: whether it takes outputs whose slopes
-    vary.
+    vary. of_one_state: whether it is asked about the error of one state (`Question.state`).
     """
 
     law: SamplingLaw
@@ -151,6 +151,7 @@ class Method(ABC):
     exact: ClassVar[bool] = False
     endless: ClassVar[bool] = False
     nonlinear_outputs: ClassVar[bool] = False
+    of_one_state: ClassVar[bool] = False
 
     @classmethod
     def applies(cls, question: Question) -> bool:
@@ -161,6 +162,12 @@ class Method(ABC):
     @abstractmethod
     def propose(cls, question: Question) -> Self | None:
         """A certificate for the question's gain, law and rate that is proved already; None where none was found."""
+
+    @classmethod
+    def error_guess(cls, question: Question) -> float | None:
+        """About what `propose` would prove of the error, by the solver alone; None where it finds nothing. A search's
+        compass."""
+        return None
 
     @abstractmethod
     def _prove(self, question: Question) -> Proof:
@@ -197,6 +204,14 @@ class Method(ABC):
     def quantity(self, plant: Plant) -> str:
         """The name of the bound that a proof's `error` is, `error.<state>`, for methods that have one."""
         raise NotImplementedError(self.name)
+
+    def since(self, plant: Plant) -> str:
+        """From which errors on such a bound holds, `from e_x(0) in [-1, 1]`; empty where in the long run."""
+        return ""
+
+    def holds_from(self, start: Box) -> bool:
+        """Whether such a bound holds for all time from every error of this box before the first sample."""
+        return False
 
     def level(self, question: Question) -> Level | None:
         """The level sets of its function, proved again; None where it has none."""

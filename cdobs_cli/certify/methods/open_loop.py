@@ -15,7 +15,7 @@ import numpy as np
 from cdobs_cli.certify.cuts import MOST_CORNERS, largest_margin
 from cdobs_cli.certify.definite import has_positive_pivots
 from cdobs_cli.certify.lmi import symmetric
-from cdobs_cli.certify.methods.base import Method, Proof, Question, Reach
+from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
 from cdobs_cli.certify.methods.clock.form import lyapunov
 from cdobs_cli.certify.texts import rate_of, symmetric_from_upper, upper_texts
 from cdobs_cli.exact.numbers import fraction_text
@@ -71,3 +71,20 @@ class OpenLoop(Method):
             return False
         corners = question.inclusion.view_balls.vertices
         return all(has_positive_pivots((-lyapunov(P, A, sigma)).balls()) for A in corners)
+
+
+@dataclass(frozen=True)
+class Uncorrected(OpenLoop):
+    """The same of a design whose gain is 0: its observer is the plant's copy, and corrects nothing."""
+
+    name: ClassVar[str] = "uncorrected"
+    reach: ClassVar[Reach] = "convergence"
+    endless: ClassVar[bool] = False
+
+    @classmethod
+    def applies(cls, question: Question) -> bool:
+        gains = question.inclusion.gain.values()
+        return all(entry.sign() == 0 for gain in gains for row in gain.rows for entry in row)
+
+    def _prove(self, question: Question) -> Proof:
+        return super()._prove(question) if self.applies(question) else NOTHING

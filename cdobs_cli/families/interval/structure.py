@@ -34,6 +34,7 @@ def problems(family: Interval, plant: Plant, simulation: SimulationPlan | None) 
     for k, one in enumerate(plant.h or ()):
         why, hint = "this observer takes outputs that are linear in the states", "family reachability takes any output"
         found.append(Problem(("plant", "output", k), why, str(one), "a sum of multiples of states", hint))
+    found += family.only_boxes(plant, "the bounds of this observer enclose the state in the worst case")
     if family.gain is not None:
         found += _shape(("observer", "gain", "S"), family.gain.S, (n, n), "one row and one column per state")
         found += _shape(("observer", "gain", "L"), family.gain.L, (n, p), "one row per state, one column per output")

@@ -14,19 +14,20 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from cdobs_cli.errors import Problem
-from cdobs_cli.families.constant_gain import ConstantGain
+from cdobs_cli.families.constant_gain import ConstantGain, Objective
 from cdobs_cli.fields import Rows
 
 if TYPE_CHECKING:
-    from cdobs_cli.certificate import Bound, Certificate, Check, Claim
+    from cdobs_cli.certificate import Bound, Check, Claim
+    from cdobs_cli.certify.design import Beyond
     from cdobs_cli.certify.gains import GainSearch
     from cdobs_cli.certify.judge import Judgement
     from cdobs_cli.certify.methods.base import Method, Question
     from cdobs_cli.certify.methods.rung import Rung
     from cdobs_cli.chart import Exhibits
-    from cdobs_cli.design import Confinement, Design
+    from cdobs_cli.design import Design
     from cdobs_cli.hybrid import ErrorMaps, NoiseMaps, Observer, PlantView
-    from cdobs_cli.plant import Box, Plant
+    from cdobs_cli.plant import Plant
     from cdobs_cli.run import Run, SimulationPlan
 
 
@@ -59,9 +60,8 @@ class LpvZeroOrderHold(ConstantGain):
     with_rates: ClassVar[bool] = True
 
     family: Literal["lpv_zoh"] = "lpv_zoh"
-    objective: Literal["given_period", "max_period", "decay_rate"] = "given_period"
+    objective: Objective = "given_period"
     method: Literal["best", "clock", "wirtinger", "repaired", "theorem_1"] = "best"
-    saturate: bool | Literal["auto"] = "auto"
     gain: Gain | None = None
     printed: PrintedData | None = None
 
@@ -88,13 +88,13 @@ class LpvZeroOrderHold(ConstantGain):
     def methods(self) -> tuple[type[Method], ...]:
         from cdobs_cli.certify.methods.any_gain import NoGain
         from cdobs_cli.certify.methods.dead_beat import EveryPeriod
-        from cdobs_cli.certify.methods.open_loop import OpenLoop
+        from cdobs_cli.certify.methods.open_loop import OpenLoop, Uncorrected
         from cdobs_cli.certify.methods.rung import GENERAL
         from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger
         from cdobs_cli.families.lpv_zoh.printed_search import PrintedTheorem1
         from cdobs_cli.families.lpv_zoh.repaired import Repaired
 
-        return (Wirtinger, *GENERAL.methods, Repaired, PrintedTheorem1, NoGain, OpenLoop, EveryPeriod)
+        return (Wirtinger, *GENERAL.methods, Repaired, PrintedTheorem1, NoGain, OpenLoop, Uncorrected, EveryPeriod)
 
     def rungs(self, question: Question) -> Sequence[Rung]:
         from cdobs_cli.families.lpv_zoh.search_plan import rungs
@@ -118,7 +118,7 @@ class LpvZeroOrderHold(ConstantGain):
 
         return super().refuses(plant) or too_many_corners(plant)
 
-    def beyond(self, question: Question, own: Sequence[Method]) -> tuple[list[Certificate], dict[str, Any]]:
+    def beyond(self, question: Question, own: Sequence[Method]) -> Beyond:
         from cdobs_cli.families.lpv_zoh.search_plan import beyond
 
         return beyond(self, question, own)
@@ -127,11 +127,6 @@ class LpvZeroOrderHold(ConstantGain):
         from cdobs_cli.families.lpv_zoh.printed_claims import printed_claims
 
         return printed_claims(self, judgement.plant, judgement.design)
-
-    def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:
-        from cdobs_cli.bounds.estimate import confine
-
-        return confine(plant, self.saturate, self.transients(plant, design), start)
 
     def exhibits(self, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
         from cdobs_cli.families.lpv_zoh.exhibits import exhibits

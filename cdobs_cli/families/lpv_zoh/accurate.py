@@ -16,8 +16,8 @@ from cdobs_cli.certify.methods.mean_square.design import (
     away_from_zero,
     capped_rate,
     descended,
+    kept_rates,
     proved,
-    slow_rate,
     takes,
 )
 from cdobs_cli.certify.methods.rung import Rung
@@ -46,9 +46,11 @@ def least_error(
     aim = Aim.declared(question, weights, 0.0)
     if not takes(question) or not (aim.R.any() or aim.Q.any()):
         return None
-    sigma = question.rate if aim.Q.any() else max(question.rate, slow_rate(question))
-    met = _least(question, start, Aim(aim.Z, aim.R, aim.Q, float(sigma)), question.rate, rung)
-    return met if met is None or merit is None else descended(question, "L", met, merit, rung)
+    for sigma in kept_rates(question, bool(aim.Q.any())):
+        met = _least(question, start, Aim(aim.Z, aim.R, aim.Q, float(sigma)), sigma, rung)
+        if met is not None:
+            return met if merit is None else descended(question, "L", met, merit, rung, sigma)
+    return None
 
 
 def _least(question: Question, start: Candidate, aim: Aim, sigma: Fraction, rung: Rung) -> Candidate | None:

@@ -16,6 +16,7 @@ from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.rung import GENERAL, One, fastest
 from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger
 from cdobs_cli.certify.methods.wirtinger.design import HeldSynthesis, size
+from cdobs_cli.design import FrontPoint
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.sampling import SamplingLaw
 
@@ -33,10 +34,6 @@ class Point:
     method: Method
     gain: ExactMatrix | None
 
-    def document(self) -> dict[str, Any]:
-        more = {} if self.gain is None else {"L": self.gain.texts()}
-        return {"period": str(self.T), "rate": str(self.rate), **more}
-
 
 @dataclass(frozen=True)
 class Curve:
@@ -49,8 +46,17 @@ class Curve:
     any_gain: tuple[Point, ...] = ()
     this_gain: tuple[Point, ...] = ()
 
-    def document(self) -> dict[str, list[dict[str, Any]]]:
-        return {"any_gain": [p.document() for p in self.any_gain], "this_gain": [p.document() for p in self.this_gain]}
+    def document(self) -> dict[str, Any]:
+        """What is kept of this gain for the report; the points of any gain are the front."""
+        if not (self.any_gain or self.this_gain):
+            return {}
+        return {"curve": [{"period": str(one.T), "rate": str(one.rate)} for one in self.this_gain]}
+
+    @property
+    def front(self) -> tuple[FrontPoint, ...]:
+        """Each period with a gain of its own."""
+        met = ((one, one.gain) for one in self.any_gain)
+        return tuple(FrontPoint(str(one.T), str(one.rate), {}, {"L": L}) for one, L in met if L is not None)
 
     @property
     def longest(self) -> tuple[Certificate, ...]:

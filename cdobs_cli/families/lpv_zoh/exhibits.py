@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from cdobs_cli.certificate import Check
 from cdobs_cli.chart import Chart, Exhibits, Panel, Role, Series, Table
 from cdobs_cli.design import Design
+from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.families.lpv_zoh.observer import INNOVATION
 from cdobs_cli.plant import Plant
 from cdobs_cli.run import Run
@@ -95,20 +96,17 @@ def _to_end(values: Any) -> Any:
 def _curve(plant: Plant, design: Design, check: Check | None) -> list[Chart]:
     """The rate that can be proved at each largest period."""
     try:
-        curve = {
-            key: [(float(point["period"]), float(point["rate"])) for point in points]
-            for key, points in design.details.get("curve", {}).items()
-        }
+        own = [(float(point["period"]), float(point["rate"])) for point in design.details.get("curve", [])]
     except (AttributeError, KeyError, TypeError, ValueError):  # not what synthesis writes
         return []
-    shown: tuple[tuple[str, str, Role], ...] = (
-        ("any_gain", "convex synthesis, a gain for each period", "other"),
-        ("this_gain", "this gain", "estimate"),
-    )
+    others = [(float(Exact(one.period)), float(Exact(one.rate))) for one in design.front if one.rate and not one.error]
+    shown: tuple[tuple[str, list[tuple[float, float]], Role], ...] = (
+        ("convex synthesis, a gain for each period", others, "other"), ("this gain", own, "estimate"),
+    )  # fmt: skip
     series = [
-        Series(label, [period for period, _ in curve[key]], [rate for _, rate in curve[key]], "line", role)
-        for key, label, role in shown
-        if curve.get(key)
+        Series(label, [period for period, _ in points], [rate for _, rate in points], "line", role)
+        for label, points, role in shown
+        if points
     ]
     if not series:
         return []

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from cdobs_cli.certify.methods.wirtinger.design import HeldSynthesis, size
 from cdobs_cli.certify.units import Units
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold, accurate
-from cdobs_cli.families.lpv_zoh.search_plan import CLOCK, headline
+from cdobs_cli.families.lpv_zoh.search_plan import CLOCK, WIRTINGER, headline
 from cdobs_cli.hybrid import PlantView
 from cdobs_cli.plant import Plant
 
@@ -47,7 +48,9 @@ def about(question: Question, L: ExactMatrix) -> Question:
 
 
 class HeldGain(GainSearch):
-    """L of the convex synthesis."""
+    """L of the convex synthesis. proves: what its gains are proved by."""
+
+    proves: ClassVar[Rung] = WIRTINGER
 
     def at(self, question: Question) -> Candidate | None:
         """At half the largest rate that it reaches: a compromise of speed and margin."""
@@ -55,6 +58,33 @@ class HeldGain(GainSearch):
 
     def fastest(self, question: Question) -> Candidate | None:
         return self._at(question, (0.99, 0.97, 0.9, 0.5))
+
+    def quietest(self, question: Question) -> Candidate | None:
+        start, rate = self._faster_start(question)
+        return accurate.quietest(question, start, rate, self.proves)
+
+    def least_error(
+        self, question: Question, merit: Merit | None = None, weights: Sequence[float] | None = None
+    ) -> Candidate | None:
+        start, _ = self._faster_start(question)
+        return accurate.least_error(question, start, self.proves, merit, weights)
+
+    def _faster_start(self, question: Question) -> tuple[Candidate, float]:
+        """Of the convex synthesis at half its fastest rate and close to it, the gain whose proved rate is larger."""
+        met = []
+        for way in (self.at, partial(HeldGain.fastest, self)):
+            try:
+                candidate = way(question)
+            except NoDesignError:
+                continue
+            method = None if candidate is None else fastest(self.proves, about(question, candidate.gain).afresh())
+            if candidate is not None and method is not None:
+                met.append((candidate, float(method.prove(about(question, candidate.gain)).rate.lower())))
+        if not met:
+            candidate = self.at(question)
+            assert candidate is not None
+            return candidate, 0.0
+        return max(met, key=lambda pair: pair[1])
 
     def _at(self, question: Question, shares: tuple[float, ...]) -> Candidate:
         T, synthesis = question.law.T_max, HeldSynthesis(question.plant)
@@ -156,6 +186,8 @@ class ClockGain(HeldGain):
     """The convex synthesis where it has a gain, else a climb in the period; for the rate a climb in the rate that the
     clock certificate proves."""
 
+    proves: ClassVar[Rung] = CLOCK
+
     def at(self, question: Question) -> Candidate | None:
         try:
             return super().at(question)
@@ -180,33 +212,6 @@ class ClockGain(HeldGain):
             return start
         climb = Climb(passes, _unit(question.plant, T), _budget(question))
         return Candidate(climb.run(start.gain.floats, 0.9999 * rate)[0], question.law)
-
-    def quietest(self, question: Question) -> Candidate | None:
-        start, rate = self._faster_start(question)
-        return accurate.quietest(question, start, rate, CLOCK)
-
-    def least_error(
-        self, question: Question, merit: Merit | None = None, weights: Sequence[float] | None = None
-    ) -> Candidate | None:
-        start, _ = self._faster_start(question)
-        return accurate.least_error(question, start, CLOCK, merit, weights)
-
-    def _faster_start(self, question: Question) -> tuple[Candidate, float]:
-        """Of the convex synthesis at half its fastest rate and close to it, the gain whose proved rate is larger."""
-        met = []
-        for way in (self.at, super().fastest):
-            try:
-                candidate = way(question)
-            except NoDesignError:
-                continue
-            method = None if candidate is None else fastest(CLOCK, about(question, candidate.gain).afresh())
-            if candidate is not None and method is not None:
-                met.append((candidate, float(method.prove(about(question, candidate.gain)).rate.lower())))
-        if not met:
-            candidate = self.at(question)
-            assert candidate is not None
-            return candidate, 0.0
-        return max(met, key=lambda pair: pair[1])
 
 
 @dataclass(frozen=True)

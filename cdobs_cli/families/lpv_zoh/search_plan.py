@@ -6,11 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify import search
 from cdobs_cli.certify.cuts import MOST_CORNERS
+from cdobs_cli.certify.design import Beyond
 from cdobs_cli.certify.falsify import refute, slowest_decay
 from cdobs_cli.certify.methods.any_gain import NoGain
 from cdobs_cli.certify.methods.base import Method, Question
@@ -18,7 +19,7 @@ from cdobs_cli.certify.methods.rung import GENERAL, One, Rung, longest_at
 from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger
 from cdobs_cli.certify.methods.wirtinger.design import size
 from cdobs_cli.exact.numbers import Exact
-from cdobs_cli.families.lpv_zoh.curve import gain_curve
+from cdobs_cli.families.lpv_zoh.curve import Curve, gain_curve
 from cdobs_cli.families.lpv_zoh.printed_search import PrintedTheorem1
 from cdobs_cli.families.lpv_zoh.repaired import Repaired
 from cdobs_cli.families.lpv_zoh.structure import is_class_16
@@ -116,24 +117,22 @@ def too_many_corners(plant: Plant) -> str | None:
     return f"the slope box has {corners} corners, at most {MOST_CORNERS} are taken: declare fewer slopes that vary"
 
 
-def beyond(
-    family: LpvZeroOrderHold, question: Question, own: Sequence[Method]
-) -> tuple[list[Certificate], dict[str, Any]]:
-    """(P, Y) that take the printed theorem furthest; the curve of period against rate; laws that no gain survives."""
+def beyond(family: LpvZeroOrderHold, question: Question, own: Sequence[Method]) -> Beyond:
+    """(P, Y) that take the printed theorem furthest; period against rate; laws that no gain survives."""
     certificates: list[Certificate] = []
-    details: dict[str, Any] = {}
     if own and family.method == "theorem_1" and family.printed is None:
         printed = THEOREM_1.longest(question)
         certificates += [printed.certificate()] if printed is not None else []
     proved = max((float(method.law.T_max) for method in own), default=None)
-    # The curve of period against rate belongs to a search; effort 0 is for a quick answer.
     if question.inclusion.outputs:
-        return certificates, details
+        return Beyond(certificates)
+    curve = Curve()
+    # The curve of period against rate belongs to a search; effort 0 is for a quick answer.
     if own and family.gain is None and question.effort > 0:
         curve = gain_curve(headline(question))
-        details["curve"] = curve.document()
         certificates += [c for c in curve.longest if proved is None or float(c.sampling.T_max) > proved]
-    return [*certificates, *(method.certificate() for method in _hopeless(question, proved))], details
+    certificates += [method.certificate() for method in _hopeless(question, proved)]
+    return Beyond(certificates, curve.document(), () if question.plant.is_perturbed else curve.front)
 
 
 def _hopeless(question: Question, proved: float | None) -> list[Method]:

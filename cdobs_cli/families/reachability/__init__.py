@@ -14,19 +14,20 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
 
 from cdobs_cli.errors import Problem
-from cdobs_cli.families.constant_gain import ConstantGain
+from cdobs_cli.families.constant_gain import ConstantGain, Objective
 from cdobs_cli.fields import ExpressionInDelta, Rows
 
 if TYPE_CHECKING:
-    from cdobs_cli.certificate import Bound, Certificate, Check, Claim
+    from cdobs_cli.certificate import Bound, Check, Claim
+    from cdobs_cli.certify.design import Beyond
     from cdobs_cli.certify.gains import GainSearch
     from cdobs_cli.certify.judge import Judgement
     from cdobs_cli.certify.methods.base import Method, Question
     from cdobs_cli.certify.methods.rung import Rung
     from cdobs_cli.chart import Exhibits
-    from cdobs_cli.design import Confinement, Design
+    from cdobs_cli.design import Design
     from cdobs_cli.hybrid import ErrorMaps, NoiseMaps, Observer, PlantView
-    from cdobs_cli.plant import Box, Plant
+    from cdobs_cli.plant import Plant
     from cdobs_cli.run import Run, SimulationPlan
 
 MAX_STATES = 8
@@ -70,10 +71,9 @@ class Reachability(ConstantGain):
     error_source: ClassVar[str] = "Dinh2014, (8), (10)"
 
     family: Literal["reachability"] = "reachability"
-    objective: Literal["given_period", "max_period", "decay_rate"] = "given_period"
+    objective: Objective = "given_period"
     method: Literal["best", "set", "clock"] = "best"
     set: TypedSet = "clarke"
-    saturate: bool | Literal["auto"] = "auto"
     gain: Gain | None = None
 
     def problems(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:
@@ -98,12 +98,12 @@ class Reachability(ConstantGain):
 
     def methods(self) -> tuple[type[Method], ...]:
         from cdobs_cli.certify.methods.dead_beat import EveryPeriod
-        from cdobs_cli.certify.methods.open_loop import OpenLoop
+        from cdobs_cli.certify.methods.open_loop import OpenLoop, Uncorrected
         from cdobs_cli.certify.methods.planar.extremals import Planar
         from cdobs_cli.certify.methods.rung import GENERAL
         from cdobs_cli.families.reachability.certificate import ReachableSet
 
-        return (ReachableSet, *GENERAL.methods, Planar, OpenLoop, EveryPeriod)
+        return (ReachableSet, *GENERAL.methods, Planar, OpenLoop, Uncorrected, EveryPeriod)
 
     def rungs(self, question: Question) -> Sequence[Rung]:
         from cdobs_cli.families.reachability.search_plan import rungs
@@ -120,20 +120,16 @@ class Reachability(ConstantGain):
 
         return why_nothing(self, question)
 
-    def beyond(self, question: Question, own: Sequence[Method]) -> tuple[list[Certificate], dict[str, Any]]:
+    def beyond(self, question: Question, own: Sequence[Method]) -> Beyond:
+        from cdobs_cli.certify.design import Beyond
         from cdobs_cli.families.reachability.search_plan import beyond
 
-        return beyond(self, question, own), {}
+        return Beyond(beyond(self, question, own))
 
     def claims_beside(self, judgement: Judgement) -> tuple[list[Claim], dict[str, Bound]]:
         from cdobs_cli.families.reachability.beside import claims_beside
 
         return claims_beside(self, judgement)
-
-    def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:
-        from cdobs_cli.bounds.estimate import confine
-
-        return confine(plant, self.saturate, self.transients(plant, design), start)
 
     def exhibits(self, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
         from cdobs_cli.families.reachability.exhibits import exhibits

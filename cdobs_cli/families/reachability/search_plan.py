@@ -67,10 +67,12 @@ def rungs(family: Reachability, question: Question) -> Sequence[Rung]:
 
 def gain_searches(family: Reachability, question: Question) -> Sequence[GainSearch]:
     """The set first; where n = rank C a sample tells the state, and no other gain is needed."""
+    weighed = family.objective in ("given_period", "min_error") or family.error_at_most
+    quiet = bool(weighed) and family.method != "set"
     if kernel(question.plant.C).dimension == 0 and ResetGain().at(question) is not None:
-        return [ResetGain()]
+        return [ResetGain(), ImpulsiveGain()] if quiet else [ResetGain()]
     asked: list[tuple[bool, GainSearch]] = [
-        (by_set(family, question), SetGain()), (by_clock(family, question), ImpulsiveGain()),
+        (by_set(family, question), SetGain()), (by_clock(family, question) or quiet, ImpulsiveGain()),
         (by_planar(family, question) and not question.rate, PlanarGain()),
     ]  # fmt: skip
     return [search for wanted, search in asked if wanted]

@@ -42,6 +42,8 @@ def problems(family: UpdatedSampling, plant: Plant) -> list[Problem]:
             wrong("variant last_row has slopes in the last row only", "plant", "lipschitz", i, j, hint=hint)
         elif j > i:
             wrong("slopes are lower triangular: phi_i depends on x_1 .. x_i", "plant", "lipschitz", i, j)
+    why = "this observer samples when its estimate says so, and means at given instants do not hold at such ones"
+    found += family.only_boxes(plant, why)
     gain = family.gain
     if gain is not None and gain.K.shape != (n, 1):
         got = f"{gain.K.shape[0]} x {gain.K.shape[1]}"

@@ -146,11 +146,10 @@ def test_max_period_by_wirtinger_alone():
     assert float(check.bounds["period_max.wirtinger"].proved) >= 1.34
     assert float(check.bounds["decay_rate"].proved) >= 0.001
     assert sum(record.iterations for record in records) > 100
-    points = design.details["curve"]["any_gain"]
-    assert len(points) >= 5
-    rates = [float(point["rate"]) for point in points]
+    assert len(design.front) >= 5
+    rates = [float(point.rate) for point in design.front]
     assert rates == sorted(rates, reverse=True)
-    assert float(points[-1]["period"]) >= 1.33
+    assert float(design.front[-1].period) >= 1.33
 
 
 def test_decay_rate_is_not_slower_than_given_period():

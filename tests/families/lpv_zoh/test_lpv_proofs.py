@@ -12,7 +12,7 @@ from cdobs_cli.certify import design as designs
 from cdobs_cli.certify.methods.any_gain import Face, NoGain
 from cdobs_cli.certify.methods.spectral import SpectralRadius
 from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger
-from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.families.lpv_zoh.curve import Point, running_maxima
 from cdobs_cli.sampling import SamplingLaw
 
@@ -65,11 +65,10 @@ def test_any_gain_is_the_best_of_everything_proved():
     design = card.synthesize(plant, 1)
     check = card.certify(plant, design, 1)
     some, own = (float(check.bounds[name].proved) for name in ("period_max_any_gain", "period_max"))
-    last = design.details["curve"]["any_gain"][-1]
-    assert some == float(last["period"]) > 1.1 * own
-    L = ExactMatrix(last["L"])
-    assert Wirtinger.propose(asked(plant, L, last["period"])) is not None
-    rates = [float(p["rate"]) for p in design.details["curve"]["any_gain"]]
+    last = design.front[-1]
+    assert some == float(last.period) > 1.1 * own
+    assert Wirtinger.propose(asked(plant, last.gain["L"], last.period)) is not None
+    rates = [float(point.rate) for point in design.front]
     assert rates == sorted(rates, reverse=True)
     claim = check.claim("period_max_any_gain.wirtinger")
     assert claim.status == "proved"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cdobs_cli.certify.floats import exponentials, spectral_radii
 from cdobs_cli.certify.gains import Candidate, Merit
 from cdobs_cli.certify.kernel import kernel
 from cdobs_cli.certify.methods import peak_synthesis
@@ -16,7 +17,6 @@ from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.certificate import GAIN_DIGITS, design_impulsive, is_small
 from cdobs_cli.certify.methods.mean_square import synthesis
 from cdobs_cli.certify.methods.mean_square.aim import Aim, weights_of
-from cdobs_cli.certify.methods.mean_square.signals import is_bounded
 from cdobs_cli.certify.methods.rung import GENERAL, Rung
 from cdobs_cli.certify.search import short
 from cdobs_cli.certify.simplex import smallest
@@ -32,7 +32,8 @@ _RATE_DIGITS = 6
 _PARTS = (Fraction(1), Fraction(99, 100), Fraction(9, 10))  # of the rate kept, where less is left by rounding
 _SLOW = 50  # periods in which the error falls to 1 % at least, where no disturbance keeps a gain from vanishing
 _STEP = 0.05  # of a gain's entries
-_VALUES = 15  # of the merit, for each entry
+_PARTS_OF_SLOW = (Fraction(1), Fraction(1, 4), Fraction(1, 16))
+_VALUES = 10  # of the merit, for each entry
 
 
 def capped_rate(question: Question) -> Fraction:
@@ -40,9 +41,12 @@ def capped_rate(question: Question) -> Fraction:
     return _rate(log(100) / (question.plant.n * float(question.law.T_max)))
 
 
-def slow_rate(question: Question) -> Fraction:
-    """ln(100) / (50 T_max)."""
-    return _rate(log(100) / (_SLOW * float(question.law.T_max)))
+def kept_rates(question: Question, disturbed: bool) -> tuple[Fraction, ...]:
+    """Rates to be kept in a search for little error, the first that has a gain counts: the question's; but where no
+    disturbance keeps a gain from vanishing one that is slow, ln(100) / (50 T_max), or a part of it."""
+    slow = _rate(log(100) / (_SLOW * float(question.law.T_max)))
+    parts = tuple(max(question.rate, part * slow) for part in _PARTS_OF_SLOW)
+    return tuple(dict.fromkeys((question.rate, slow) if disturbed else (*parts, question.rate)))
 
 
 def _rate(value: float) -> Fraction:
@@ -101,23 +105,29 @@ def least_error(
     step. At the question's rate at least."""
     if not takes(question):
         return None
-    start = (_least_bounds if is_bounded(question.plant) else _least_mean_square)(question, weights)
-    if start is None or merit is None:
-        return start
-    return descended(question, "K", start, merit, GENERAL)
-
-
-def _least_mean_square(question: Question, weights: Sequence[float] | None) -> Candidate | None:
-    """Where none is proved, or no disturbance keeps the gain from vanishing, a slow rate is kept too."""
-    aim = Aim.declared(question, weights, 0.0)
-    if not (aim.R.any() or aim.Q.any()):
-        return None
-    slow = max(question.rate, slow_rate(question))
-    for sigma in (question.rate, slow) if aim.Q.any() else (slow,):
-        candidate = _designed(question, Aim(aim.Z, aim.R, aim.Q, float(sigma)), question.rate)
-        if candidate is not None:
-            return candidate
+    bounded = question.plant.has_bounded_signals
+    disturbed = (
+        question.plant.disturbance is not None if bounded else bool(Aim.declared(question, weights, 0.0).Q.any())
+    )
+    search = _least_bounds if bounded else _least_mean_square
+    for sigma in kept_rates(question, disturbed):
+        start = search(question, weights, sigma)
+        if start is not None:
+            return start if merit is None else descended(question, "K", start, merit, GENERAL, sigma)
     return None
+
+
+def _least_mean_square(question: Question, weights: Sequence[float] | None, sigma: Fraction) -> Candidate | None:
+    aim = Aim.declared(question, weights, float(sigma))
+    return _designed(question, aim, question.rate) if aim.R.any() or aim.Q.any() else None
+
+
+def _least_bounds(question: Question, weights: Sequence[float] | None, sigma: Fraction) -> Candidate | None:
+    Z = np.diag(weights_of(question, weights))
+    guess = peak_synthesis.best_gain(away_from_zero(question).afresh(), Z, float(sigma))
+    if guess is None:
+        return None
+    return proved(question, "K", corrected(question, guess.K), -float(np.sqrt(guess.size)), GENERAL, sigma)
 
 
 def _designed(question: Question, aim: Aim, sigma: Fraction) -> Candidate | None:
@@ -125,15 +135,6 @@ def _designed(question: Question, aim: Aim, sigma: Fraction) -> Candidate | None
     root mean square."""
     met = synthesis.best_gain(away_from_zero(question).afresh(), aim)
     return None if met is None else proved(question, "K", corrected(question, met[0]), -met[1], GENERAL, sigma)
-
-
-def _least_bounds(question: Question, weights: Sequence[float] | None) -> Candidate | None:
-    Z = np.diag(weights_of(question, weights))
-    guess = peak_synthesis.best_gain(away_from_zero(question).afresh(), Z, float(question.rate))
-    if guess is None:
-        return None
-    K = corrected(question, guess.K)
-    return proved(question, "K", K, -float(np.sqrt(guess.size)), GENERAL, question.rate)
 
 
 def corrected(question: Question, K: Array) -> ExactMatrix:
@@ -163,7 +164,8 @@ def descended(
     round_off = _round_off(question, letter)
 
     def of(entries: Array) -> float:
-        met = value(question.with_gain({letter: round_off(entries)}).afresh())
+        about = question.with_gain({letter: round_off(entries)}).afresh()
+        met = value(about) if _may_decay(about, rate) else None
         return inf if met is None else met
 
     first, steps = _entries(question, letter, start.gain)
@@ -176,6 +178,16 @@ def descended(
     at_start = of(first)
     kept = start if at_start == inf else Candidate(start.gain, start.law, -at_start, start.method)
     return candidate if candidate is not None else kept
+
+
+def _may_decay(question: Question, rate: Fraction) -> bool:
+    """Whether every constant corner decays at this rate under the longest period."""
+    maps, T = question.inclusion.floats, float(question.law.T_max)
+    flows = np.array(list(maps.corners())) * T
+    if not np.all(np.isfinite(flows)):
+        return False
+    radii = np.array([spectral_radii(J @ exponentials(flows)) for J in maps.jumps()])
+    return bool(np.all(radii <= np.exp(-float(rate) * T) * (1 + 1e-9)))
 
 
 def _free_rows(question: Question, letter: str) -> list[int]:

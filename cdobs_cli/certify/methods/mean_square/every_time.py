@@ -88,6 +88,7 @@ class EveryTime(Method):
     )
     reach: ClassVar[Reach] = "mean square"
     nonlinear_outputs: ClassVar[bool] = True
+    of_one_state: ClassVar[bool] = True
 
     def quantity(self, plant: Plant) -> str:
         """Which bound `Proof.error` is: the root of E e_i^2 at the worst time. Raises: ValueError, IndexError."""

@@ -1,0 +1,1 @@
+"""How large the error stays under bounded disturbance and noise: chains of clock-dependent quadratic functions."""

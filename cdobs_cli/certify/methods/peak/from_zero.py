@@ -1,0 +1,281 @@
+"""The error bound of one state where samples may follow one another as fast as one likes (T_min = 0, or T_min far
+below T_max): the noise of the last sample as an input of the flow.
+
+A sample that adds nu v^2 to a function of the error adds without end where samples have no least distance. But if J
+erases what it does not keep, each sample also erases the noise of the one before. In a basis e = S y in which
+
+    S^-1 J S = diag(I, 0),    S^-1 G = [0; G_w],
+
+shift what is erased by the noise that the last sample left there, x = y - [0; G_w] v_k. Then, v_k constant from t_k on,
+
+    x+ = diag(I, 0) x,    xdot = A x + [S^-1 B, A [0; G_w]] (d, v_k)    with A = S^-1 A_i S,
+
+and no sample adds anything. If at all corners, mu > 0 constant on each piece,
+
+    [[-(P' + P A + A'P + 2 sigma P), -P [S^-1 B, A [0; G_w]]], [., mu]] > 0    on [0, T_max],         (flow)
+    P(tau) - diag(I, 0) P(0) diag(I, 0) >= 0                                  on [T_min, T_max],       (jump)
+    [[P(tau) - z z', -z g'], [., nu - g g']] > 0                              on [0, T_max],           (target)
+
+with the error looked at z'x + g'v_k (z' = e_i' S, g' = z'[0; G_w]), then x'P x grows at no sample and by at most
+c - 2 sigma x'P x between samples, c the largest of sum_j mu_j u0_j^2 over the pieces, u0 = (d0, v0), and
+
+    limsup (z'x + g'v_k)^2 <= c / (2 sigma) + sum_j nu_j v0_j^2.
+
+From a known error before the first sample x is diag(I, 0) S^-1 e after it, and for all time from there the larger of
+x'P(0)x and c / (2 sigma) takes the place of the latter.
+
+From T_min = 0 the jump is singular at tau = 0: there P(0) = diag(P_11, Q) exactly, which leaves diag(0, Q), Q > 0.
+Without noise there is nothing to shift, and J = diag(I, j) serves with Q - j'Q j > 0, as in the clock certificate.
+A hold is in this basis as it stands, g = 0. A correction with C K = I has y = (.., C e), G_w = I and g' = K's row i;
+one with C K != I keeps a part of old noise at every sample, and has no such basis.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+from flint import arb
+
+from cdobs_cli.certify.definite import has_positive_pivots
+from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
+from cdobs_cli.certify.methods.clock.certificate import is_small, split_basis
+from cdobs_cli.certify.methods.clock.form import (
+    Shape,
+    erases_the_rest,
+    flow_coefficients,
+    in_basis,
+    jump_gap,
+    kept_states,
+)
+from cdobs_cli.certify.methods.peak.chain import diagonal, is_well_cut, scalars, weighted
+from cdobs_cli.certify.methods.peak.form import flow_block, offset_target_block
+from cdobs_cli.certify.methods.peak.signals import Signals, exact_signals
+from cdobs_cli.certify.methods.peak.start import first_vertices
+from cdobs_cli.certify.methods.peak.state import (
+    before_first_sample,
+    holds_from,
+    number_of,
+    quantity_of,
+    since,
+    start_box,
+    start_texts,
+)
+from cdobs_cli.certify.texts import rate_of, rationals, symmetric_from_upper
+from cdobs_cli.codec import OPTIONAL
+from cdobs_cli.exact.matrix import Matrix, block
+from cdobs_cli.exact.numbers import decimal_text, fraction_text
+from cdobs_cli.hybrid import ErrorMaps
+from cdobs_cli.plant import Box, Plant
+
+if TYPE_CHECKING:
+    from cdobs_cli.arrays import Array
+    from cdobs_cli.certify.methods.peak.from_zero_search import Found
+
+_DIGITS = 13
+_WIDE = 2.5  # T_max over T_min from which on this method is asked
+
+
+@dataclass(frozen=True)
+class PeakFromZero(Method):
+    """state: number of the state, from 0. degree d of P and elevated degree D of the inequalities; pieces on [0, T_min]
+    and on [T_min, T_max]; sigma; basis: S in e = S y; P: upper triangles of the Bernstein coefficients; mu: by piece;
+    nu: empty where g = 0. start: the intervals of the errors before the first sample, where the bound is one for all
+    time from them."""
+
+    state: str
+    degree: str
+    elevated: str
+    pieces: list[str]
+    sigma: str
+    basis: list[list[str]]
+    P: list[list[list[str]]]
+    mu: list[list[str]]
+    nu: list[str]
+    start: list[list[str]] | None = field(default=None, metadata={OPTIONAL: True})
+
+    name: ClassVar[str] = "peak_from_zero"
+    rung: ClassVar[str] = "peak"
+    source: ClassVar[str] = "clock-dependent Lyapunov function, the noise as an input of the flow"
+    how: ClassVar[str] = "exact Bernstein coefficients"
+    statement: ClassVar[str] = "The error stays bounded"
+    reach: ClassVar[Reach] = "error bound"
+    of_one_state: ClassVar[bool] = True
+    nonlinear_outputs: ClassVar[bool] = False
+
+    @classmethod
+    def applies(cls, question: Question) -> bool:
+        law, inclusion = question.law, question.inclusion
+        if inclusion.assemble_noise is None or not question.plant.has_bounded_signals or not is_small(inclusion):
+            return False
+        return law.is_bounded and not law.is_periodic and not inclusion.outputs
+
+    @classmethod
+    def propose(cls, question: Question) -> Self | None:
+        """The least bound found for the error of the question's state."""
+        law = question.law
+        if question.state is None or not cls.applies(question):
+            return None
+        if float(law.T_min) * _WIDE > float(law.T_max):
+            return None
+        for found, texts in cls._met(question, question.state):
+            shape, sigma = found.shape, decimal_text(found.sigma, _DIGITS)
+            cut = (str(shape.d), str(shape.D), [str(shape.before), str(shape.after)])
+            proposal = cls(
+                law, str(question.state), *cut, sigma, texts, found.P, found.mu, found.nu, start_texts(question.start)
+            )
+            if proposal.prove(question).holds:
+                return proposal
+        return None
+
+    @classmethod
+    def error_guess(cls, question: Question) -> float | None:
+        if question.state is None or not cls.applies(question):
+            return None
+        return next((found.error for found, _ in cls._met(question, question.state)), None)
+
+    @classmethod
+    def _met(cls, question: Question, i: int) -> Iterator[tuple[Found, list[list[str]]]]:
+        """What the solver finds, nothing of it proved, with the basis that it is in."""
+        from cdobs_cli.certify.methods.peak.from_zero_search import proposals
+
+        S = split_basis(question.inclusion)
+        split = None if S is None else _split(question, Matrix.from_rows(S))
+        if S is None or split is None:
+            return
+        first: Array | None = None
+        if question.start is not None:
+            vertices = split.first_vertices(question.start)
+            if vertices is None:
+                return
+            first = np.array([x.floats[:, 0] for x in vertices])
+        texts = [[fraction_text(value) for value in row] for row in S]
+        yield from ((found, texts) for found in proposals(question, i, np.array(S, dtype=float), first))
+
+    @cached_property
+    def shape(self) -> Shape:
+        return Shape(int(self.degree), int(self.elevated), int(self.pieces[0]), int(self.pieces[1]))
+
+    def quantity(self, plant: Plant) -> str:
+        return quantity_of(self.state, self.start, plant)
+
+    def since(self, plant: Plant) -> str:
+        return since(self.start, plant)
+
+    def holds_from(self, start: Box) -> bool:
+        return holds_from(self.start, start)
+
+    def _prove(self, question: Question) -> Proof:
+        law, shape, sigma = self.law, self.shape, Matrix.from_rows([[rate_of(self.sigma)]])[0, 0]
+        split = _split(question, rationals(self.basis)) if self.applies(question) else None
+        if split is None or not sigma > 0:
+            return NOTHING
+        if law.T_max.sign() != 1 or not is_well_cut(shape, law.from_zero, law.is_periodic):
+            return NOTHING
+        P, mu = [symmetric_from_upper(rows) for rows in self.P], [scalars(piece) for piece in self.mu]
+        size = split.maps.base.shape
+        if len(P) != shape.count or any(one.shape != size for one in P):
+            return NOTHING
+        if len(mu) != shape.pieces or any(len(piece) != len(split.sizes) for piece in mu):
+            return NOTHING
+        (z, g), nu = split.target(number_of(self.state, question.plant)), scalars(self.nu)
+        if len(nu) != g.shape[0]:
+            return NOTHING
+        if law.from_zero and not split.begins_apart(P[0]):
+            return NOTHING
+        lengths = shape.lengths(law.T_min.scalar, law.T_max.scalar)
+        blocks = self._blocks(P, mu, lengths, split, sigma, z, g, nu)
+        if not all(has_positive_pivots(one.balls()) for one in blocks):
+            return NOTHING
+        c = arb(0)
+        for piece in mu:
+            c = c.max(arb(weighted(piece, split.sizes)))
+        largest, i = c / (2 * arb(sigma)), number_of(self.state, question.plant)
+        start = start_box(self.start, question.plant)
+        first = [] if start is None else split.first_vertices(start)
+        if first is None:
+            return NOTHING
+        for x in first:
+            largest = largest.max(arb((x.T @ P[0] @ x)[0, 0]))
+        error = (largest + arb(weighted(nu, split.v0 if nu else ()))).sqrt()
+        return Proof(True, error=error if start is None else error.max(before_first_sample(start, i)))
+
+    def _blocks(
+        self, P: list[Matrix], mu: list[list[Any]], lengths: list[Any], split: Split, sigma: Any, z: Matrix, g: Matrix,
+        nu: list[Any],
+    ) -> Iterator[Matrix]:  # fmt: skip
+        """Every block that is to be definite."""
+        shape, weights = self.shape, diagonal(nu)
+        for one in P:
+            yield offset_target_block(one, z, g, weights)
+        for one in P[max(shape.jump_from, int(self.law.from_zero)) :]:
+            yield jump_gap(P[0], one, split.maps.jump)
+        corners = [(A, split.inputs(A)) for A in split.maps.corners()]
+        for number, (slope, value) in enumerate(flow_coefficients(P, shape, lengths)):
+            piece = number // (shape.D + 1)
+            weight = diagonal(mu[piece]) * lengths[piece]
+            for A, B in corners:
+                yield flow_block(slope, value, A, B, weight, sigma)
+
+
+@dataclass(frozen=True)
+class Split:
+    """The error in the basis: maps with jump = diag(I, 0) on `kept`, B (N, q), G = [0; G_w] (N, p), S (N, N)."""
+
+    maps: ErrorMaps[Matrix]
+    kept: list[int]
+    B: Matrix
+    G: Matrix
+    S: Matrix
+    d0: tuple[Any, ...]
+    v0: tuple[Any, ...]
+
+    @property
+    def sizes(self) -> tuple[Any, ...]:
+        """u0 = (d0, v0)."""
+        return (*self.d0, *self.v0)
+
+    def inputs(self, A: Matrix) -> Matrix:
+        """[B, A G]: how (d, v_k) enters."""
+        return block([[self.B, A @ self.G]])
+
+    def target(self, i: int) -> tuple[Matrix, Matrix]:
+        """z and g of state i; g of no rows where it is 0."""
+        z = self.S[[i], :].T
+        g = self.G.T @ z
+        return z, g[[], :] if all(row[0] == 0 for row in g.tolist()) else g
+
+    def first_vertices(self, start: Box) -> list[Matrix] | None:
+        """The corners of x just after the first sample, from errors in this box before it."""
+        none = Signals(self.B, self.G[:, []], self.d0, ())  # the noise of that sample is what x is shifted by
+        jump = self.S @ self.maps.jump @ self.S.inverse()
+        vertices = first_vertices(replace(self.maps, jump=jump), none, start)
+        return None if vertices is None else [self.S.inverse() @ e for e in vertices]
+
+    def begins_apart(self, P_0: Matrix) -> bool:
+        """P(0) = diag(P_11, Q) exactly, and Q - j'Q j > 0 for J = diag(I, j)."""
+        lost = [i for i in range(P_0.shape[0]) if i not in self.kept]
+        if any(P_0[i, j] != 0 for i in self.kept for j in lost):
+            return False
+        Q = P_0[lost, lost]
+        return not lost or has_positive_pivots(jump_gap(Q, Q, self.maps.jump[lost, lost]).balls())
+
+
+def _split(question: Question, S: Matrix) -> Split | None:
+    """The error in this basis, or None where it does not split: J = diag(I, 0) exactly, and noise enters only what J
+    erases; without noise J = diag(I, j) is enough."""
+    inclusion = question.inclusion
+    if S.shape != inclusion.balls.base.shape:
+        return None
+    back, signals = S.inverse(), exact_signals(inclusion)
+    maps = in_basis(inclusion.balls, S, back)
+    kept = kept_states(maps.jump)
+    G = back @ signals.G
+    if not all(value == 0 for row in G[kept, :].tolist() for value in row):
+        return None
+    if signals.v0 and not erases_the_rest(maps.jump, kept):
+        return None
+    return Split(maps, kept, back @ signals.B, G, S, signals.d0, signals.v0)
