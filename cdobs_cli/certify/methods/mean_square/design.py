@@ -26,7 +26,8 @@ from cdobs_cli.sampling import SamplingLaw
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
 
-_WIDTH = 0.02
+_WIDTH, _STEPS = 0.05, 8  # of the search for the fastest rate, half of which is asked for
+_FEW_STATES = 4  # where each step of it costs little
 _RATE_DIGITS = 6
 _PARTS = (Fraction(1), Fraction(99, 100), Fraction(9, 10))  # of the rate kept, where less is left by rounding
 _SLOW = 50  # periods in which the error falls to 1 % at least, where no disturbance keeps a gain from vanishing
@@ -65,9 +66,9 @@ def fastest_rate(question: Question) -> Fraction | None:
     low = question.rate
     if not found(low):
         return None
-    while high - low > Fraction(_WIDTH) * high:
+    for _ in range(_STEPS if question.plant.n <= _FEW_STATES else _STEPS // 2):
         middle = _rate(float(low + high) / 2)
-        if not low < middle < high:
+        if high - low <= Fraction(_WIDTH) * high or not low < middle < high:
             break
         low, high = (middle, high) if found(middle) else (low, middle)
     return low
