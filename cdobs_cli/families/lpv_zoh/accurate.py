@@ -57,7 +57,8 @@ def least_error(
 def _least(
     question: Question, start: ExactMatrix, aim: Aim, sigma: Fraction, rung: Rung, merit: Merit | None = None
 ) -> Candidate | None:
-    """Of a gain the part that amplifies noise least, then down from it; its merit is minus what was lowered."""
+    """Of a gain the part that amplifies noise least; with some effort down from it. Its merit is minus what was
+    lowered."""
 
     def value(about: Question) -> float | None:
         return amplification(away_from_zero(about), aim)
@@ -68,4 +69,6 @@ def _least(
 
     L = min((ExactMatrix.from_floats(part * start.floats, GAIN_DIGITS) for part in _PARTS), key=of)
     first = proved(question, "L", L, -of(L), rung, sigma)
-    return None if first is None else descended(question, "L", first, merit or value, rung, sigma)
+    if first is None or not question.level:
+        return first
+    return descended(question, "L", first, merit or value, rung, sigma)
