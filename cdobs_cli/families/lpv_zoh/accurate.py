@@ -71,4 +71,4 @@ def _least(
     first = proved(question, "L", L, -of(L), rung, sigma)
     if first is None or not question.level:
         return first
-    return descended(question, "L", first, merit or value, rung, sigma)
+    return descended(question, "L", first, merit or value, rung, sigma, 1 if merit is None else question.plant.n)

@@ -127,12 +127,13 @@ def beyond(family: LpvZeroOrderHold, question: Question, own: Sequence[Method]) 
     if question.inclusion.outputs:
         return Beyond(certificates)
     curve = Curve()
-    # The curve of period against rate belongs to a search; effort 0 is for a quick answer.
-    if own and family.gain is None and question.effort > 0:
+    # The curve of period against rate belongs to a search; effort 0 is for a quick answer, and under noise the front is
+    # one of errors.
+    if own and family.gain is None and question.effort > 0 and not question.plant.is_perturbed:
         curve = gain_curve(headline(question))
         certificates += [c for c in curve.longest if proved is None or float(c.sampling.T_max) > proved]
     certificates += [method.certificate() for method in _hopeless(question, proved)]
-    return Beyond(certificates, curve.document(), () if question.plant.is_perturbed else curve.front)
+    return Beyond(certificates, curve.document(), curve.front)
 
 
 def _hopeless(question: Question, proved: float | None) -> list[Method]:

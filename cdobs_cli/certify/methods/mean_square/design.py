@@ -33,7 +33,7 @@ _PARTS = (Fraction(1), Fraction(99, 100), Fraction(9, 10))  # of the rate kept, 
 _SLOW = 50  # periods in which the error falls to 1 % at least, where no disturbance keeps a gain from vanishing
 _STEP = 0.05  # of a gain's entries
 _PARTS_OF_SLOW = (Fraction(1), Fraction(1, 4), Fraction(1, 16))
-_VALUES = 6  # of the merit, for each entry
+_SOLVES = (12, 36, 120, 400)  # of a descent, by effort: as many values of a mean square, fewer of n bounds
 
 
 def capped_rate(question: Question) -> Fraction:
@@ -113,7 +113,8 @@ def least_error(
     for sigma in kept_rates(question, disturbed):
         start = search(question, weights, sigma)
         if start is not None:
-            return start if merit is None else descended(question, "K", start, merit, GENERAL, sigma)
+            solves = question.plant.n if weights is None else sum(1 for weight in weights if weight)
+            return start if merit is None else descended(question, "K", start, merit, GENERAL, sigma, solves)
     return None
 
 
@@ -156,10 +157,12 @@ def proved(
 
 
 def descended(
-    question: Question, letter: str, start: Candidate, value: Merit, rung: Rung, sigma: Fraction | None = None
-) -> Candidate:
+    question: Question, letter: str, start: Candidate, value: Merit, rung: Rung, sigma: Fraction | None = None,
+    solves: int = 1,
+) -> Candidate:  # fmt: skip
     """From a gain down the valley of a value, which is None where nothing is proved; what is met counts where its
-    certificate is found at a rate of about sigma, the question's where it is not said."""
+    certificate is found at a rate of about sigma, the question's where it is not said. solves: semidefinite programs
+    that a value takes."""
     rate = question.rate if sigma is None else sigma
     round_off = _round_off(question, letter)
 
@@ -171,7 +174,7 @@ def descended(
     first, steps = _entries(question, letter, start.gain)
     if not len(first):
         return start
-    entries, least = smallest(of, first, steps, _VALUES * (len(first) + 1))
+    entries, least = smallest(of, first, steps, max(2 * (len(first) + 1), _SOLVES[question.level] // solves))
     if least == inf:
         return start
     candidate = proved(question, letter, round_off(entries), -least, rung, rate)
