@@ -27,6 +27,7 @@ from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify.methods.base import Question, read
 from cdobs_cli.certify.methods.mean_square.average import Average
 from cdobs_cli.certify.methods.mean_square.every_time import EveryTime
+from cdobs_cli.certify.methods.mean_square.from_zero import MeanSquareFromZero
 from cdobs_cli.certify.methods.mean_square.power import PowerGain
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 
@@ -232,6 +233,8 @@ def test_what_is_not_white_is_not_bounded_in_mean_square():
     from_zero = Question(corrected(white(pendulum(aperiodic(0, "0.6")), R, Q), [[1], ["1.4"]]))
     assert Average.propose(from_zero) is None and EveryTime.propose(from_zero.of_state(0)) is None
     assert PowerGain.propose(from_zero) is None
+    for one in (swinging(), corrected(bounded(pendulum(aperiodic(0, "0.6")), ["0.01"]), GAIN)):
+        assert MeanSquareFromZero.propose(Question(one, state=0)) is None
 
 
 @pytest.mark.parametrize("bounded_noise", [False, True])
@@ -292,3 +295,46 @@ def test_no_bounded_signal_has_more_power(law):
                 total, time = total + h * np.sum(e**2, axis=0), time + h
         most = max(most, float(np.sqrt(np.max(total / time))))
         assert most < bound
+
+
+@pytest.mark.parametrize(
+    ("make", "gain"), [(corrected, [[1], ["1.2"]]), (corrected, [["0.8"], ["1.2"]]), (held_error, [["2.5"], ["3"]])]
+)
+def test_samples_without_a_least_distance(make, gain):
+    """Of a correction that erases what it measures, of one that keeps a part of old noise, and of a hold."""
+    law = aperiodic(0, "0.4")
+    questions = [Question(make(white(pendulum(law), *one), gain), state=1) for one in ((R, Q), (R, None), (None, Q))]
+    met = [MeanSquareFromZero.propose(question) for question in questions]
+    both, noise, drift = (float(one.prove(question).error) for one, question in zip(met, questions, strict=True))
+    assert max(noise, drift) < both < 1.5 * (noise + drift)
+    assert met[0].quantity(questions[0].plant) == "rms.x1" and "do not depend" in met[0].since(questions[0].plant)
+    wider = Question(make(white(pendulum(law, 2), R, Q), gain), state=1)
+    louder = Question(make(white(pendulum(law), [["4/30000"]], Q), gain), state=1)
+    assert not met[0].prove(wider).holds and met[0].prove(louder).error > met[0].prove(questions[0]).error
+    for changed in ({"mu": shrunk([met[0].mu], "0.1")[0]}, {"P": shrunk(met[0].P, "0.9")}, {"sigma": "9"}, {"mu": []}):
+        assert not replace(met[0], **changed).prove(questions[0]).holds
+    # Bang-bang slopes against the error, periods near 0 and the longest.
+    random, h, maps, G = (
+        np.random.default_rng(0),
+        0.01,
+        questions[0].inclusion.floats,
+        questions[0].inclusion.noise_floats,
+    )
+    e, most = np.zeros((len(maps.base), 600)), 0.0
+    for _ in range(100):
+        e = maps.jump @ e + G.kick * np.sqrt(1e-4 / 3) * random.normal(size=600)
+        for _ in range(random.choice([1, 3, 40])):
+            V = np.sign(e[0] * e[1])
+            low, high = (maps.flow((v,)) @ e for v in (-1.0, 1.0))
+            e = e + h * np.where(V > 0, high, low)
+            e = e + np.outer(G.drive[:, 1], np.sqrt(2.5e-4 * h) * random.normal(size=600))
+            most = max(most, float(np.mean(e[1] ** 2)))
+    assert np.sqrt(most) < both < 8 * np.sqrt(most)
+
+
+def test_a_bound_from_zero_is_stored_and_read():
+    question = Question(corrected(white(pendulum(aperiodic(0, "0.4")), R, Q), [[1], ["1.2"]]), state=0)
+    method = MeanSquareFromZero.propose(question)
+    document = json.loads(json.dumps(method.certificate().document()))
+    again = read(Certificate.from_document(document), (MeanSquareFromZero,))
+    assert again.method == method and again.method.prove(question).error == method.prove(question).error

@@ -11,6 +11,7 @@ from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.certificate import is_small
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.plant import Box, Plant
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
@@ -34,6 +35,11 @@ def has_bounded(plant: Plant) -> bool:
 def is_bounded(plant: Plant) -> bool:
     """Whether noise or disturbance are bounded signals, and neither is white."""
     return has_bounded(plant) and not has_white(plant)
+
+
+def independent(law: SamplingLaw) -> str:
+    """What a bound at every time asks of the periods, where they are not all one."""
+    return "" if law.is_periodic else "where periods do not depend on noise and disturbance"
 
 
 def takes(question: Question) -> bool:
