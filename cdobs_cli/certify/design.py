@@ -158,13 +158,13 @@ class _Synthesis:
         quiet = _found(self._quiet(way, self.asked) for way in self.searches)
         return quiet or _found(way.at(self.asked) for way in self.searches)[:1]
 
-    def _quiet(self, way: GainSearch, question: Question) -> Candidate | None:
+    def _quiet(self, way: GainSearch, question: Question, near: ExactMatrix | None = None) -> Candidate | None:
         """The gain of least error under what is declared, else the one that amplifies noise least."""
         if not self.plant.is_perturbed:
             return way.quietest(question)
         # White signals have their least mean square by a convex search; of bounded ones a gain near by is better.
         closer = question.level > 0 and self.plant.has_bounded_signals
-        return way.least_error(question, accuracy.merit(self._weights) if closer else None, self._weights)
+        return way.least_error(question, accuracy.merit(self._weights) if closer else None, self._weights, near)
 
     @cached_property
     def _weights(self) -> tuple[float, ...]:
@@ -305,7 +305,9 @@ class _Synthesis:
             return ()
 
         def find(about: Question) -> Candidate | None:
-            ways = (self._quiet(way, about) if self.plant.is_perturbed else way.fastest(about) for way in self.searches)
+            ways = (
+                self._quiet(way, about, own) if self.plant.is_perturbed else way.fastest(about) for way in self.searches
+            )
             return next((one for one in ways if one is not None), None)
 
         return front(question, self.card.letter, find, own)

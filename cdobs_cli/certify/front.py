@@ -16,8 +16,8 @@ from cdobs_cli.exact.numbers import ExactMatrix, lower_text, upper_text
 from cdobs_cli.sampling import SamplingLaw
 
 # Periods looked at, in parts of the law's own; those beyond it up to the first that gives no gain.
-_SHORTER = (0.25, 0.5, 0.75)
-_LONGER = (1.25, 1.5, 2.0, 3.0, 4.0)
+_SHORTER = (0.35, 0.7)
+_LONGER = (1.4, 2.0, 2.8, 4.0)
 _DIGITS = 6
 
 

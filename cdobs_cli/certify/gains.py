@@ -69,9 +69,10 @@ class GainSearch:
         return None
 
     def least_error(
-        self, question: Question, merit: Merit | None = None, weights: Sequence[float] | None = None
-    ) -> Candidate | None:
+        self, question: Question, merit: Merit | None = None, weights: Sequence[float] | None = None,
+        near: ExactMatrix | None = None,
+    ) -> Candidate | None:  # fmt: skip
         """The gain of the least proved error under the noise and disturbance that are declared, at the question's rate
         at least. merit: what the last steps of a search minimise. weights: of each e_i^2; 1 / scale_i^2 where they are
-        not said."""
+        not said. near: a gain that a search which needs a start may start from."""
         return None

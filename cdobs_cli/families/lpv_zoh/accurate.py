@@ -35,26 +35,30 @@ def quietest(question: Question, start: Candidate, rate: float, rung: Rung) -> C
         return None
     fastest = min(short(rate, _RATE_DIGITS).rational or Fraction(0), capped_rate(question))
     sigma = max(fastest / 2, question.rate)
-    return _least(question, start, Aim.quiet(question, float(sigma)), sigma, rung)
+    return _least(question, start.gain, Aim.quiet(question, float(sigma)), sigma, rung)
 
 
 def least_error(
-    question: Question, start: Candidate, rung: Rung, merit: Merit | None, weights: Sequence[float] | None
+    question: Question, start: ExactMatrix, rung: Rung, merit: Merit | None, weights: Sequence[float] | None
 ) -> Candidate | None:
-    """The gain of the least mean square for what is declared, bounded signals as if they were uniform; from there down
-    the valley of the merit, where there is one."""
+    """From the best part of a gain down the valley of the merit; where there is none, of the mean square for what is
+    declared, bounded signals as if they were uniform."""
     aim = Aim.declared(question, weights, 0.0)
     if not takes(question) or not (aim.R.any() or aim.Q.any()):
         return None
     for sigma in kept_rates(question, bool(aim.Q.any())):
-        met = _least(question, start, Aim(aim.Z, aim.R, aim.Q, float(sigma)), sigma, rung)
+        own = Aim(aim.Z, aim.R, aim.Q, float(sigma))
+        met = _least(question, start, own, sigma, rung, merit)
         if met is not None:
-            return met if merit is None else descended(question, "L", met, merit, rung, sigma)
+            return met
     return None
 
 
-def _least(question: Question, start: Candidate, aim: Aim, sigma: Fraction, rung: Rung) -> Candidate | None:
-    """Down from the best part of a gain; its merit is minus the aim's root mean square."""
+def _least(
+    question: Question, start: ExactMatrix, aim: Aim, sigma: Fraction, rung: Rung, merit: Merit | None = None
+) -> Candidate | None:
+    """Of a gain the part that amplifies noise least; with some effort down from it. Its merit is minus what was
+    lowered."""
 
     def value(about: Question) -> float | None:
         return amplification(away_from_zero(about), aim)
@@ -63,6 +67,8 @@ def _least(question: Question, start: Candidate, aim: Aim, sigma: Fraction, rung
         met = value(question.with_gain({"L": L}).afresh())
         return inf if met is None else met
 
-    L = min((ExactMatrix.from_floats(part * start.gain.floats, GAIN_DIGITS) for part in _PARTS), key=of)
+    L = min((ExactMatrix.from_floats(part * start.floats, GAIN_DIGITS) for part in _PARTS), key=of)
     first = proved(question, "L", L, -of(L), rung, sigma)
-    return None if first is None else descended(question, "L", first, value, rung, sigma)
+    if first is None or not question.level:
+        return first
+    return descended(question, "L", first, merit or value, rung, sigma)

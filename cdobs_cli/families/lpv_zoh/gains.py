@@ -64,9 +64,14 @@ class HeldGain(GainSearch):
         return accurate.quietest(question, start, rate, self.proves)
 
     def least_error(
-        self, question: Question, merit: Merit | None = None, weights: Sequence[float] | None = None
-    ) -> Candidate | None:
-        start, _ = self._faster_start(question)
+        self, question: Question, merit: Merit | None = None, weights: Sequence[float] | None = None,
+        near: ExactMatrix | None = None,
+    ) -> Candidate | None:  # fmt: skip
+        start = near
+        if start is None:
+            at = self.at(question)
+            assert at is not None
+            start = at.gain
         return accurate.least_error(question, start, self.proves, merit, weights)
 
     def _faster_start(self, question: Question) -> tuple[Candidate, float]:

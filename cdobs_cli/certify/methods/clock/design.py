@@ -61,8 +61,9 @@ class ImpulsiveGain(GainSearch):
         return quietest(question)
 
     def least_error(
-        self, question: Question, merit: Merit | None = None, weights: Sequence[float] | None = None
-    ) -> Candidate | None:
+        self, question: Question, merit: Merit | None = None, weights: Sequence[float] | None = None,
+        near: ExactMatrix | None = None,
+    ) -> Candidate | None:  # fmt: skip
         return least_error(question, merit, weights)
 
     def _climbed(self, question: Question, best: Candidate) -> Candidate:

@@ -33,7 +33,7 @@ _PARTS = (Fraction(1), Fraction(99, 100), Fraction(9, 10))  # of the rate kept, 
 _SLOW = 50  # periods in which the error falls to 1 % at least, where no disturbance keeps a gain from vanishing
 _STEP = 0.05  # of a gain's entries
 _PARTS_OF_SLOW = (Fraction(1), Fraction(1, 4), Fraction(1, 16))
-_VALUES = 10  # of the merit, for each entry
+_VALUES = 6  # of the merit, for each entry
 
 
 def capped_rate(question: Question) -> Fraction:
