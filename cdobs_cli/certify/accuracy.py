@@ -16,6 +16,7 @@ from cdobs_cli.certify.levels import Level
 from cdobs_cli.certify.methods.base import Method, Proof, Question, Reach
 from cdobs_cli.certify.methods.mean_square.average import Average
 from cdobs_cli.certify.methods.mean_square.every_time import EveryTime
+from cdobs_cli.certify.methods.mean_square.from_zero import MeanSquareFromZero
 from cdobs_cli.certify.methods.mean_square.signals import has_white
 from cdobs_cli.certify.methods.peak.certificate import Peak
 from cdobs_cli.certify.methods.peak.from_zero import PeakFromZero
@@ -24,7 +25,7 @@ from cdobs_cli.plant import Box, Plant
 
 REACHES: tuple[Reach, ...] = ("error bound", "mean square")
 # By the question: of each name one is kept, that of the least bound.
-METHODS: tuple[type[Method], ...] = (Peak, PeakFromZero, Average, EveryTime)
+METHODS: tuple[type[Method], ...] = (Peak, PeakFromZero, Average, EveryTime, MeanSquareFromZero)
 Transient = Callable[[Box], tuple[arb, ...]]
 _DIGITS = 6
 _ABOUT = "this gain under its law"

@@ -1,9 +1,10 @@
+from fractions import Fraction
 from itertools import pairwise
 
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from cdobs_cli.certify.bernstein import derivative, elevation
+from cdobs_cli.certify.bernstein import derivative, elevation, restriction
 
 
 def value(coefficients, s):
@@ -25,3 +26,12 @@ def test_elevation_keeps_the_polynomial_and_derivative_differentiates_it():
             for s in (0.0, 0.3, 0.8, 1.0):
                 assert np.isclose(value(raised, s), power(s))
                 assert np.isclose(value(slope, s), power.deriv()(s))
+
+
+def test_restriction_keeps_the_polynomial_on_a_part():
+    coefficients = np.random.default_rng(1).standard_normal(5)
+    for start, end in ((0, 1), (0, "1/3"), ("1/3", "1/2"), ("3/4", 1)):
+        low, high = Fraction(start), Fraction(end)
+        part = np.array(restriction(4, low, high), dtype=float) @ coefficients
+        for s in (0.0, 0.3, 1.0):
+            assert np.isclose(value(part, s), value(coefficients, float(low) + s * float(high - low)))

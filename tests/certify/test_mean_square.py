@@ -25,9 +25,12 @@ from test_output_slopes import seen_through
 
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify.methods.base import Question, read
+from cdobs_cli.certify.methods.clock.form import Shape
 from cdobs_cli.certify.methods.mean_square.average import Average
 from cdobs_cli.certify.methods.mean_square.every_time import EveryTime
+from cdobs_cli.certify.methods.mean_square.from_zero import MeanSquareFromZero
 from cdobs_cli.certify.methods.mean_square.power import PowerGain
+from cdobs_cli.certify.methods.mean_square.windows import windows
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 
 INTEGRATOR = np.array([[0.0, 1.0], [0.0, 0.0]])
@@ -176,6 +179,7 @@ def test_a_certificate_with_a_smaller_p_proves_nothing():
     for changed in (
         replace(whole, P=shrunk(whole.P, "0.99")), replace(whole, P=[whole.P[0], *shrunk(whole.P[1:], "0.9")]),
         replace(whole, P=whole.P[:-1]), replace(whole, shape=["4", "5", "1", "0"]), replace(whole, units=["1"]),
+        replace(whole, P=[*whole.P, whole.P[-1]]), replace(whole, shape=["4", "99", "4", "0"]),
         replace(whole, shape=["4", "5", "0", "4"]), replace(whole, units=["-1", "1"]),
         replace(whole, law=periodic("1")), replace(whole, P=[["x"]]), replace(whole, shape=["a"]),
     ):  # fmt: skip
@@ -196,13 +200,54 @@ def test_a_chain_with_a_smaller_p_proves_nothing():
         replace(chain, P=[[shrunk(P[0][0], "0.99"), *P[0][1:]], *P[1:]]), replace(chain, P=P[:-1]),
         replace(chain, P=[[*P[0][:-1], shrunk(P[0][-1], "0.99")], *P[1:]]), replace(chain, rho="0.1"),
         replace(chain, P=[[P[0][0], shrunk(P[0][1], "0.99"), *P[0][2:]], *P[1:]]), replace(chain, rho="1"),
-        replace(chain, rho="-0.9"), replace(chain, windows=["2", "2"]), replace(chain, windows=["1", "1"]),
+        replace(chain, rho="-0.9"), replace(chain, rho="1.5"), replace(chain, windows=["2", "2"]),
+        replace(chain, windows=["1", "1"]),
         replace(chain, windows=["0", "2"]), replace(chain, windows=["3", "2"]), replace(chain, state="2"),
         replace(chain, windows=[]), replace(chain, windows=[], P=[]), replace(chain, P=[[P[0][0]], *P[1:]]),
         replace(chain, state="0"), replace(chain, windows=["1.5", "2", *chain.windows[2:]]),
     ):  # fmt: skip
         assert not altered.prove(question).holds
     assert not chain.prove(Question(swinging(c="1.1"))).holds
+    # P_0 that grows within its window lies above z z', and does not fall along the flow.
+    d = int(chain.shape[0])
+    grown = [P[0][0][:1] + shrunk(P[0][0][1 : d + 1], "1.5") + P[0][0][d + 1 :], *P[0][1:]]
+    assert chain.windows[0] == "1" and not replace(chain, P=[grown, *P[1:]]).prove(question).holds
+
+
+def test_windows_are_parts_of_pieces_one_behind_the_other():
+    form = Shape(4, 5, 2, 0)
+    assert [one.piece for one in windows(form, ["0.5", "1", "7/4", "2"])] == [0, 0, 1, 1]
+    for ends in (["1.5", "2"], ["1"], ["1", "2", "3"], ["1", "1", "2"], []):
+        with pytest.raises(ValueError, match="windows"):
+            windows(form, ends)
+
+
+def test_every_corner_counts():
+    """A certificate of a class against one that goes further on one side only."""
+    law = periodic("0.6")
+    for kind, state in ((Average, None), (EveryTime, 1)):
+        proof = kind.propose(Question(swinging(), state=state))
+        for low, high in ((-1, "1.2"), ("-1.2", 1)):
+            wider = plant([[0, 1], [0, 0]], [[0, 0], [low, 0]], [[0, 0], [high, 0]], [[1, 0]], law)
+            assert not proof.prove(Question(corrected(white(wider, R, Q), GAIN), state=state)).holds
+        near = Question(
+            corrected(seen_through(white(pendulum(law), R, Q), [["0.9", 0]], [["1.1", 0]]), GAIN), state=state
+        )
+        proof = kind.propose(near)
+        for low, high in (("0.9", "1.5"), ("0.5", "1.1")):
+            far = seen_through(white(pendulum(law), R, Q), [[low, 0]], [[high, 0]])
+            assert proof.prove(near).holds and not proof.prove(Question(corrected(far, GAIN), state=state)).holds
+
+
+def test_every_period_counts():
+    """An oscillator is not seen at half its period, 0.45: what is proved every 0.6 is not at periods in [0.3, 0.6]."""
+    none, A = [[0, 0], [0, 0]], [[0, 1], ["-48.7", 0]]
+    made = white(plant(A, none, none, [[1, 0]], periodic("0.6")), [[1]], [[0, 0], [0, 1]])
+    question = Question(corrected(made, [["0.3"], ["-1"]]), effort=2)
+    proof = Average.propose(question)
+    assert proof is not None and proof.prove(question).holds and proof.shape[2:] == ["6", "0"]
+    apart = replace(proof, law=aperiodic("0.3", "0.6"), shape=[*proof.shape[:2], "3", "3"])
+    assert not apart.prove(question).holds
 
 
 @pytest.mark.parametrize(
@@ -232,6 +277,8 @@ def test_what_is_not_white_is_not_bounded_in_mean_square():
     from_zero = Question(corrected(white(pendulum(aperiodic(0, "0.6")), R, Q), [[1], ["1.4"]]))
     assert Average.propose(from_zero) is None and EveryTime.propose(from_zero.of_state(0)) is None
     assert PowerGain.propose(from_zero) is None
+    for one in (swinging(), corrected(bounded(pendulum(aperiodic(0, "0.6")), ["0.01"]), GAIN)):
+        assert MeanSquareFromZero.propose(Question(one, state=0)) is None
 
 
 @pytest.mark.parametrize("bounded_noise", [False, True])
@@ -292,3 +339,46 @@ def test_no_bounded_signal_has_more_power(law):
                 total, time = total + h * np.sum(e**2, axis=0), time + h
         most = max(most, float(np.sqrt(np.max(total / time))))
         assert most < bound
+
+
+@pytest.mark.parametrize(
+    ("make", "gain"), [(corrected, [[1], ["1.2"]]), (corrected, [["0.8"], ["1.2"]]), (held_error, [["2.5"], ["3"]])]
+)
+def test_samples_without_a_least_distance(make, gain):
+    """Of a correction that erases what it measures, of one that keeps a part of old noise, and of a hold."""
+    law = aperiodic(0, "0.4")
+    questions = [Question(make(white(pendulum(law), *one), gain), state=1) for one in ((R, Q), (R, None), (None, Q))]
+    met = [MeanSquareFromZero.propose(question) for question in questions]
+    both, noise, drift = (float(one.prove(question).error) for one, question in zip(met, questions, strict=True))
+    assert max(noise, drift) < both < 1.5 * (noise + drift)
+    assert met[0].quantity(questions[0].plant) == "rms.x1" and "do not depend" in met[0].since(questions[0].plant)
+    wider = Question(make(white(pendulum(law, 2), R, Q), gain), state=1)
+    louder = Question(make(white(pendulum(law), [["4/30000"]], Q), gain), state=1)
+    assert not met[0].prove(wider).holds and met[0].prove(louder).error > met[0].prove(questions[0]).error
+    for changed in ({"mu": shrunk([met[0].mu], "0.1")[0]}, {"P": shrunk(met[0].P, "0.9")}, {"sigma": "9"}, {"mu": []}):
+        assert not replace(met[0], **changed).prove(questions[0]).holds
+    # Bang-bang slopes against the error, periods near 0 and the longest.
+    random, h, maps, G = (
+        np.random.default_rng(0),
+        0.01,
+        questions[0].inclusion.floats,
+        questions[0].inclusion.noise_floats,
+    )
+    e, most = np.zeros((len(maps.base), 600)), 0.0
+    for _ in range(100):
+        e = maps.jump @ e + G.kick * np.sqrt(1e-4 / 3) * random.normal(size=600)
+        for _ in range(random.choice([1, 3, 40])):
+            V = np.sign(e[0] * e[1])
+            low, high = (maps.flow((v,)) @ e for v in (-1.0, 1.0))
+            e = e + h * np.where(V > 0, high, low)
+            e = e + np.outer(G.drive[:, 1], np.sqrt(2.5e-4 * h) * random.normal(size=600))
+            most = max(most, float(np.mean(e[1] ** 2)))
+    assert np.sqrt(most) < both < 8 * np.sqrt(most)
+
+
+def test_a_bound_from_zero_is_stored_and_read():
+    question = Question(corrected(white(pendulum(aperiodic(0, "0.4")), R, Q), [[1], ["1.2"]]), state=0)
+    method = MeanSquareFromZero.propose(question)
+    document = json.loads(json.dumps(method.certificate().document()))
+    again = read(Certificate.from_document(document), (MeanSquareFromZero,))
+    assert again.method == method and again.method.prove(question).error == method.prove(question).error

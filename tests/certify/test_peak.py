@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 from noisy_examples import pendulum, sine
@@ -65,3 +66,11 @@ def test_a_stored_chain_speaks_for_its_own_plant_gain_and_law_only():
 def test_a_smaller_slope_class_has_no_larger_bound():
     whole, narrow = (bound(pendulum("0.6", ("1", "1.47478"), c=(c, "0")), 1) for c in ("1", "0.5"))
     assert 0.05 < narrow < whole
+
+
+def test_what_is_remembered_of_a_slow_loop_serves_a_fast_one():
+    """Loops that forget faster follow fewer intervals: cuts of the others are none of theirs."""
+    memory = {}
+    for K in (("0.5805", "1.2368"), ("0.2", "0.15"), ("1", "8"), ("0.5805", "1.2368")):
+        question = replace(pendulum("0.1", K), memory=memory)
+        assert bound(question, 1) > 0

@@ -23,8 +23,9 @@ from cdobs_cli.certify.blocks import BlockProgram, full_basis
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.mean_square.curves import Curves
 from cdobs_cli.certify.methods.mean_square.setting import Setting, shape, units
-from cdobs_cli.certify.methods.mean_square.signals import acting, largest_sizes
+from cdobs_cli.certify.methods.mean_square.signals import largest_sizes
 from cdobs_cli.certify.methods.mean_square.synthesis import gain_of
+from cdobs_cli.certify.methods.peak.signals import acting
 from cdobs_cli.exact.matrix import block
 
 if TYPE_CHECKING:

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cdobs_cli.certify.methods.mean_square.setting import Setting
-from cdobs_cli.certify.methods.mean_square.signals import acting, largest_sizes, noise_floats
+from cdobs_cli.certify.methods.mean_square.signals import largest_sizes, noise_floats
+from cdobs_cli.certify.methods.peak.signals import acting
 from cdobs_cli.plant import Plant
 
 if TYPE_CHECKING:

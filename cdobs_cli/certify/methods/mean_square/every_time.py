@@ -45,7 +45,7 @@ from cdobs_cli.certify.methods.mean_square.polynomial import (
     unit_texts,
 )
 from cdobs_cli.certify.methods.mean_square.setting import EPSILONS, Setting, errors_only, shape
-from cdobs_cli.certify.methods.mean_square.signals import has_bounded, has_white, takes
+from cdobs_cli.certify.methods.mean_square.signals import has_bounded, has_white, independent, takes
 from cdobs_cli.certify.methods.mean_square.windows import Window, windows
 from cdobs_cli.certify.texts import rational
 from cdobs_cli.codec import OPTIONAL
@@ -93,6 +93,9 @@ class EveryTime(Method):
     def quantity(self, plant: Plant) -> str:
         """Which bound `Proof.error` is: the root of E e_i^2 at the worst time. Raises: ValueError, IndexError."""
         return f"rms.{plant.states[int(self.state)]}"
+
+    def since(self, plant: Plant) -> str:
+        return independent(self.law)
 
     @classmethod
     def applies(cls, question: Question) -> bool:

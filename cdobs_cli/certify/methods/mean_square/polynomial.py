@@ -18,7 +18,8 @@ from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.form import Shape, flow_coefficients, in_basis, jump_gap, lyapunov
 from cdobs_cli.certify.methods.mean_square.form import driven_block, instants, kick_block, paid, sample_instants, sums
 from cdobs_cli.certify.methods.mean_square.setting import diagonal
-from cdobs_cli.certify.methods.mean_square.signals import acting, largest_sizes
+from cdobs_cli.certify.methods.mean_square.signals import largest_sizes
+from cdobs_cli.certify.methods.peak.signals import acting
 from cdobs_cli.certify.texts import rational, symmetric_from_upper, upper_texts
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import fraction_text

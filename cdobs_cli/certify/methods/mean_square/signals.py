@@ -11,6 +11,7 @@ from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.certificate import is_small
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.plant import Box, Plant
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
@@ -31,9 +32,9 @@ def has_bounded(plant: Plant) -> bool:
     return plant.noise is not None or plant.disturbance is not None
 
 
-def is_bounded(plant: Plant) -> bool:
-    """Whether noise or disturbance are bounded signals, and neither is white."""
-    return has_bounded(plant) and not has_white(plant)
+def independent(law: SamplingLaw) -> str:
+    """What a bound at every time asks of the periods, where they are not all one."""
+    return "" if law.is_periodic else "where periods do not depend on noise and disturbance"
 
 
 def takes(question: Question) -> bool:
@@ -49,12 +50,6 @@ def noise_floats(plant: Plant) -> tuple[Array, Array]:
     R = np.zeros((plant.p, plant.p)) if plant.covariance is None else plant.covariance.floats
     Q = np.zeros((plant.n, plant.n)) if plant.intensity is None else plant.intensity.floats
     return R, Q
-
-
-def acting(box: Box | None) -> list[int]:
-    """The signals of a box that are not 0."""
-    ends = () if box is None else zip(box.lower, box.upper, strict=True)
-    return [j for j, (low, high) in enumerate(ends) if not low.sign() == high.sign() == 0]
 
 
 def largest_sizes(box: Box | None, size: int) -> list[arb]:
