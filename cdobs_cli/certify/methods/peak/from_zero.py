@@ -30,7 +30,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import Any, ClassVar, Self
 
 from flint import arb
 
@@ -59,9 +59,6 @@ from cdobs_cli.codec import OPTIONAL
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import decimal_text, fraction_text
 from cdobs_cli.plant import Box, Plant
-
-if TYPE_CHECKING:
-    pass
 
 _DIGITS = 13
 _WIDE = 2.5  # T_max over T_min from which on this method is asked
