@@ -33,7 +33,7 @@ _DEGREE, _ELEVATED = 4, 5
 _PIECES = (2, 4, 4, 6)  # of an interval, by effort
 _MOST = (300, 420, 1500, 4000)  # unknowns, by effort: of larger plants there are fewer lags, and pieces of a lag
 _LAGS = (3, 10, 16, 24)  # at most, by effort
-_FEWEST = 3
+_FEWEST, _USUAL = 2, 3  # at least, over that number of unknowns and within it
 _MEMORY = 3.0  # time constants that the lags go back
 _SHARES = (0.55, 0.3, 0.8)  # of the way from the radius to 1, for rho of the tail
 _WORTH = 0.998  # of b^2: what another rho must do better
@@ -157,7 +157,7 @@ class _Scaled:
     def lags(self) -> int:
         """So many that their intervals span some time constants, within effort and size."""
         N, level = len(self.scale), self.question.level
-        wanted = int(np.ceil(_MEMORY / -np.log(max(self.sized.radius, 1e-6))))
+        wanted = max(_USUAL, int(np.ceil(_MEMORY / -np.log(max(self.sized.radius, 1e-6)))))
         return max(_FEWEST, min(wanted, _LAGS[level], _MOST[level] // ((2 * _DEGREE + 1) * (N * (N + 1) // 2)) - 1))
 
     def _rhos(self) -> Iterator[Fraction]:
