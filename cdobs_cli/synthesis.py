@@ -60,9 +60,14 @@ def new_design(spec: Spec, effort: int) -> Design:
     design, known = _best(spec, effort), known_errors(spec)
     if known is None or design.outcome == "none":
         return design
+    plant = plant_of(spec, design)
     with solver_log() as records:
-        design = spec.observer.started(plant_of(spec, design), design, known, effort)
-    return replace(design, solver=summary(([design.solver] if design.solver else []) + records))
+        design = spec.observer.started(plant, design, known, effort)
+    design = replace(design, solver=summary(([design.solver] if design.solver else []) + records))
+    if design.estimate.way not in ("open", "margin"):
+        return design
+    within = spec.observer.confine(plant, design, initial_errors(spec))  # these bounds may show more
+    return replace(design, estimate=within) if within.way != "open" else design
 
 
 def _best(spec: Spec, effort: int) -> Design:

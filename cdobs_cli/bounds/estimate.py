@@ -51,9 +51,10 @@ def confine(plant: Plant, saturate: Saturate, transients: Sequence[Transient], s
     if not plant.domain or holds_everywhere(plant):
         return Confinement("everywhere")
     if saturate is not True and start is not None:
-        within = _margin_for(plant, transients, _symmetric(start))
-        if within is not None:
-            return within
+        for errors in (_symmetric(start), start):
+            within = _margin_for(plant, transients, errors)
+            if within is not None:
+                return within
     if saturate is not False and _is_continued(plant):
         return Confinement("continuation")
     return (_margin_of_its_own(plant, transients) if saturate is not True else None) or Confinement("open")
