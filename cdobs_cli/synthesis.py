@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from flint import arb
 
-from cdobs_cli.bounds.estimate import before_the_first_sample, symmetric
+from cdobs_cli.bounds.estimate import before_the_first_sample
 from cdobs_cli.bounds.joint import joint_slopes
 from cdobs_cli.bounds.slopes import is_shared, resolve, to_be_found, unbounded_claims, with_found
 from cdobs_cli.certificate import CONVERGENCE, Check, Claim
@@ -177,7 +177,7 @@ def _design_over(region: Plant, spec: Spec, effort: int, *, together: bool = Fal
         return design
     start = initial_errors(spec)
     if start is not None:
-        from_start = observer.bounds_from(plant, design, symmetric(start), effort)
+        from_start = observer.bounds_from(plant, design, start, effort)
         design = replace(design, certificates=(*design.certificates, *from_start))
     return replace(design, estimate=observer.confine(plant, design, start))
 

@@ -51,9 +51,10 @@ def confine(plant: Plant, saturate: Saturate, transients: Sequence[Transient], s
     if not plant.domain or holds_everywhere(plant):
         return Confinement("everywhere")
     if saturate is not True and start is not None:
-        within = _margin_for(plant, transients, symmetric(start))
-        if within is not None:
-            return within
+        for errors in (_symmetric(start), start):
+            within = _margin_for(plant, transients, errors)
+            if within is not None:
+                return within
     if saturate is not False and _is_continued(plant):
         return Confinement("continuation")
     return (_margin_of_its_own(plant, transients) if saturate is not True else None) or Confinement("open")
@@ -64,7 +65,7 @@ def _is_continued(plant: Plant) -> bool:
     return not plant.slopes.joint and (not plant.domain.where or _slopes_hold(plant.on_box))
 
 
-def symmetric(start: Box) -> Box:
+def _symmetric(start: Box) -> Box:
     """The smallest box of errors round 0 that holds these."""
     moduli = [tuple(map(_modulus, ends)) for ends in zip(start.lower, start.upper, strict=True)]
     sizes = [above if (above - below).sign() == 1 else below for below, above in moduli]

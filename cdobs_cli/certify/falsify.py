@@ -27,6 +27,7 @@ from cdobs_cli.certify.floats import exponentials, spectral_radii
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import Exact, decimal_text, lower_text
+from cdobs_cli.exact.rational import simplify
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
 from cdobs_cli.plant import Quantity
 from cdobs_cli.sampling import SamplingLaw
@@ -171,6 +172,8 @@ def is_admissible(inclusion: HybridInclusion, period: tuple[Arc, ...], w: tuple[
     length = period[0].length
     for arc in period[1:]:
         length = length + arc.length
+    if length.rational is None:  # balls cannot tell a period from the arcs that it is made of
+        length = Exact(simplify(length.expression))
     return inclusion.sampling.T_min.is_at_most(length) and length.is_at_most(inclusion.sampling.T_max)
 
 

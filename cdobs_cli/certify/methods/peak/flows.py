@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 Cut = tuple[int, int]  # number of a coefficient, number of a corner
 _ALL_AT_ONCE = 4  # so many corners are imposed from the start
+_MORE = 3  # so many are added to a coefficient at a time
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ class Flows:
             rows.add(N + q, parts, -self.eps * c.h * wide.unit)
 
     def violated(self, x: Array) -> set[Cut]:
-        """The corners that a guess fails at, the worst of each coefficient."""
+        """The corners that a guess fails at, the worst ones of each coefficient."""
         narrow, _ = self._svecs
         N, q = self.B.shape[1:]
         blocks, violated = np.zeros((len(self.A), N + q, N + q)), set()
@@ -100,6 +101,6 @@ class Flows:
             blocks[:, N:, :N] = blocks[:, :N, N:].transpose(0, 2, 1)
             blocks[:, N:, N:] = np.diag(x[c.mu : c.mu + q] * c.h)
             least = np.linalg.eigvalsh(blocks)[:, 0]
-            if least.min() < self.eps * c.h / 2:
-                violated.add((number, int(least.argmin())))
+            worst = np.argsort(least)[:_MORE]
+            violated |= {(number, int(v)) for v in worst if least[v] < self.eps * c.h / 2}
         return violated

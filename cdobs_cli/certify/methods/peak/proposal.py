@@ -31,11 +31,12 @@ _DIGITS = 13
 _SLOW = ((0.05, (2, 3, 1)), (0.15, (3, 4, 1)), (0.35, (4, 5, 2)))
 _DEGREE, _ELEVATED = 4, 5
 _PIECES = (2, 4, 4, 6)  # of an interval, by effort
-_MOST = (300, 800, 3000, 6000)  # unknowns, by effort: of larger plants the intervals have fewer pieces
+_MOST = (300, 420, 1500, 4000)  # unknowns, by effort: of larger plants there are fewer lags, and pieces of a lag
 _LAGS = (3, 10, 16, 24)  # at most, by effort
-_FEWEST = 3
+_FEWEST, _USUAL = 2, 3  # at least, over that number of unknowns and within it
 _MEMORY = 3.0  # time constants that the lags go back
-_SHARES = (0.3, 0.55, 0.8)  # of the way from the radius to 1, for rho of the tail
+_SHARES = (0.55, 0.3, 0.8)  # of the way from the radius to 1, for rho of the tail
+_WORTH = 0.998  # of b^2: what another rho must do better
 _RHO_DIGITS = 3  # of 1 - rho
 _ROOM = (1e-7, 3e-6, 1e-4)  # of the size of z z': what rounding and the solver may take
 _CORNERS = 64
@@ -121,9 +122,12 @@ class _Scaled:
         """The chain of least bound among the values of rho tried, each with more room until it is proved."""
         known = self.question.memory.get("peak rho")
         for rhos in ([known], list(self._rhos())) if known else (list(self._rhos()),):
-            guesses = [(self._search(window, _ROOM[0]).least(self._z, float(rho)), rho) for rho in rhos]
-            found = [(guess, rho) for guess, rho in guesses if guess is not None]
-            for guess, rho in sorted(found, key=lambda one: one[0].bound_squared):
+            found: list[tuple[Found, Fraction]] = []
+            for rho in rhos:
+                below = min((guess.bound_squared for guess, _ in found), default=np.inf) * _WORTH
+                guess = self._search(window, _ROOM[0]).least(self._z, float(rho), below)
+                found += [(guess, rho)] if guess is not None else []
+            for guess, rho in reversed(found):
                 chain = self._proved(window, guess, rho)
                 if chain is not None:
                     self.question.memory["peak rho"] = rho
@@ -170,7 +174,7 @@ class _Scaled:
     def lags(self) -> int:
         """So many that their intervals span some time constants, within effort and size."""
         N, level = len(self.scale), self.question.level
-        wanted = int(np.ceil(_MEMORY / -np.log(max(self.sized.radius, 1e-6))))
+        wanted = max(_USUAL, int(np.ceil(_MEMORY / -np.log(max(self.sized.radius, 1e-6)))))
         return max(_FEWEST, min(wanted, _LAGS[level], _MOST[level] // ((2 * _DEGREE + 1) * (N * (N + 1) // 2)) - 1))
 
     def _rhos(self) -> Iterator[Fraction]:

@@ -93,8 +93,8 @@ class Search:
         """Of lag 1 .. N, and of the tail as lag N + 1."""
         return self._starts[2] + (lag - 1) * int(self.G.shape[1])
 
-    def least(self, z: Array, rho: float) -> Found | None:
-        """The chain of least b^2 for this combination of errors and tail; None where there is none."""
+    def least(self, z: Array, rho: float, below: float = np.inf) -> Found | None:
+        """The chain of least b^2 for this combination of errors and tail; None where there is none below the given."""
         flows = self._flows
         if not self.cuts:
             self.cuts |= flows.start
@@ -103,7 +103,7 @@ class Search:
             rows = fixed.copy()
             flows.impose(rows, self.cuts)
             x = rows.least(cost)
-            if x is None:
+            if x is None or not cost @ x < below:  # with the cuts so far it is too low, if anything
                 return None
             violated = flows.violated(x) - self.cuts
             if not violated:
