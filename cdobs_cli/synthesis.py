@@ -121,16 +121,16 @@ def _together(spec: Spec, effort: int) -> Design | None:
         return None
     if initial_errors(spec) is None:
         return _design_over(spec.plant.widened(_part_of_domain(spec.plant)), spec, effort, together=True)
-    # Under noise the search is long: how wide a margin is needed is seen with little effort.
-    glance = 0 if spec.plant.is_perturbed else effort
-    design = _design_over(spec.plant, spec, glance, together=True)
-    if _serves(design) and glance < effort:
-        return _design_over(spec.plant, spec, effort, together=True)
-    if design.outcome == "none" or _serves(design):
+    # How wide a margin is needed, and whether one serves, is seen with little effort.
+    design = _design_over(spec.plant, spec, 0, together=True)
+    if design.outcome == "none" and effort:
+        design = _design_over(spec.plant, spec, effort, together=True)
+    if design.outcome == "none":
         return design
-    margin = _margin_needed(spec, design)
-    wider = _design_over(spec.plant.widened(margin), spec, effort, together=True) if margin else design
-    return wider if _serves(wider) else design
+    margin = {} if _serves(design) else _margin_needed(spec, design)
+    region = spec.plant.widened(margin)
+    served = _serves(design) or (bool(margin) and _serves(_design_over(region, spec, 0, together=True)))
+    return _design_over(region, spec, effort, together=True) if served else design
 
 
 def _part_of_domain(plant: Plant) -> dict[str, Exact]:

@@ -18,6 +18,7 @@ from cdobs_cli.sampling import SamplingLaw
 # Periods looked at, in parts of the law's own; those beyond it up to the first that gives no gain.
 _SHORTER = (0.35, 0.7)
 _LONGER = (1.4, 2.0, 2.8, 4.0)
+_LARGEST = 200  # N^3 times corners: beyond that the points take too long
 _DIGITS = 6
 
 
@@ -49,13 +50,15 @@ def front(
     question: Question, letter: str, find: Callable[[Question], Candidate | None], own: ExactMatrix
 ) -> tuple[FrontPoint, ...]:
     """Points by increasing period, each at least as good as what a proof for a law that holds it gives; empty where no
-    other period has a gain.
+    other period has a gain, and for large plants.
 
     Args:
         question: under the design's law; every point is looked at with little effort, this design's too.
         find: a gain for a question's law; own: the design's.
     """
-    law = question.law
+    law, size = question.law, question.inclusion.floats.base.shape[0]
+    if size**3 * 2 ** len(question.inclusion.quantities) > _LARGEST:
+        return ()
     points: list[Point] = []
     for share in _SHORTER:
         points += _found(question.at(search.short(share * float(law.T_max), 3)), letter, find)

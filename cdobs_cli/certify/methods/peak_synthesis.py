@@ -13,7 +13,7 @@ bounds by chains of intervals.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -33,8 +33,7 @@ if TYPE_CHECKING:
 
 _EPSILON = 1e-8
 _RHO = (0.4, 0.6, 0.75, 0.87, 0.95)
-_FINER = 2  # steps that halve the distance between the values of rho tried
-_PASSES = 2
+_FINER = (0, 2, 2, 3)  # steps that halve the distance between the values of rho tried, by effort
 
 
 def noisy_jump_block(P_0: Any, W: Any, C: Any, V: Any, P: Any, nu: Any) -> Any:
@@ -55,39 +54,38 @@ class Guess:
 
 
 def best_gain(question: Question, weights: Array, sigma: float) -> Guess | None:
-    """The guess of the least sum of weighted squares, over rho: in the units of the clock certificate first, then in
-    those of the bounds met."""
-    states, best = _first_states(question), None
-    for _ in range(_PASSES):
-        setting = Setting.in_units(question, states)
-        if not setting.is_finite:
-            break
-        found = _least(lambda rho, setting=setting: _solve(question, setting, rho, weights, sigma))  # type: ignore[misc]
-        if found is None:
-            break
-        best = found if best is None or found.size < best.size else best
-        states = 2.0 ** np.round(np.log2(np.maximum(found.b, 1e-12 * found.b.max())))
-    return best
+    """The guess of the least sum of weighted squares, over rho: in the units of the clock certificate first, then near
+    its rho in those of the bounds met."""
+    first = _scanned(question, _first_states(question), weights, sigma, _RHO, 0)
+    if first is None:
+        return None
+    rho, guess = first
+    states = 2.0 ** np.round(np.log2(np.maximum(guess.b, 1e-12 * guess.b.max())))
+    place = _RHO.index(rho)
+    near = _RHO[max(place - 1, 0) : place + 2]
+    second = _scanned(question, states, weights, sigma, near, _FINER[question.level])
+    return guess if second is None or guess.size < second[1].size else second[1]
 
 
-def _least(of: Callable[[float], Guess | None]) -> Guess | None:
-    """The best guess over rho in (0, 1), where the size has one valley."""
-    met: dict[float, Guess] = {}
-    for rho in _RHO:
-        guess = of(rho)
-        if guess is not None:
-            met[rho] = guess
-    for _ in range(_FINER):
-        if not met:
-            return None
+def _scanned(
+    question: Question, states: Array, weights: Array, sigma: float, rhos: Sequence[float], finer: int
+) -> tuple[float, Guess] | None:
+    """The best guess over rho in (0, 1), where the size has one valley, and its rho."""
+    setting = Setting.in_units(question, states)
+    if not setting.is_finite:
+        return None
+    asked = dict.fromkeys(rhos)
+    met = {rho: guess for rho in asked if (guess := _solve(question, setting, rho, weights, sigma)) is not None}
+    for _ in range(finer if met else 0):
         best = min(met, key=lambda rho: met[rho].size)
-        tried = sorted({0.0, *_RHO, *met, 1.0})
+        tried = sorted({0.0, *asked, 1.0})
         place = tried.index(best)
         for rho in ((tried[place - 1] + best) / 2, (best + tried[place + 1]) / 2):
-            guess = of(rho)
+            asked[rho] = None
+            guess = _solve(question, setting, rho, weights, sigma)
             if guess is not None:
                 met[rho] = guess
-    return min(met.values(), key=lambda guess: guess.size)
+    return min(met.items(), key=lambda one: one[1].size, default=None)
 
 
 def _first_states(question: Question) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
@@ -31,6 +32,8 @@ RATE_SHARE = LpvZeroOrderHold.rate_share
 
 # Periods over the one asked for, and parts of their gains, where slopes of the outputs that vary leave less.
 _SLOWER = {1: (1.0, 0.5, 0.35, 0.25, 0.1), 4: (1.0, 0.3), 20: (1.0, 0.3), 100: (1.0,), 1000: (1.0,)}
+_COMPROMISE = (0.5, 0.25, 0.0)  # parts of the largest rate that are tried
+_NEAR = Fraction(1, 20)
 _FROM_ZERO = (
     "no certificate is known for an innovation that is held over periods from 0 on where the outputs are not linear: "
     "give min_period, or use family reachability"
@@ -54,13 +57,21 @@ class HeldGain(GainSearch):
 
     def at(self, question: Question) -> Candidate | None:
         """At half the largest rate that it reaches: a compromise of speed and margin."""
-        return self._at(question, (0.5, 0.25, 0.0))
+        return self._at(question, _COMPROMISE)
 
     def fastest(self, question: Question) -> Candidate | None:
         return self._at(question, (0.99, 0.97, 0.9, 0.5))
 
     def quietest(self, question: Question) -> Candidate | None:
-        start, rate = self._faster_start(question)
+        """From a gain of the convex synthesis, where it has one."""
+        try:
+            start = self._at(question, _COMPROMISE)
+        except NoDesignError:
+            return None
+        method = fastest(self.proves, about(question, start.gain).afresh(), _NEAR)
+        if method is None:
+            return None
+        rate = float(method.prove(about(question, start.gain)).rate.lower())
         return accurate.quietest(question, start, rate, self.proves)
 
     def least_error(
