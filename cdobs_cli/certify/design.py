@@ -30,6 +30,9 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text, upper_tex
 from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
 
+# N^3 times corners up to which a gain of less error is looked for near by, by effort.
+_CLOSER = (0, 200, 1_000, 10_000)
+
 
 class Beyond(NamedTuple):
     """What a design keeps besides its own: certificates of other gains and laws that no gain survives, the report's
@@ -163,7 +166,8 @@ class _Synthesis:
         if not self.plant.is_perturbed:
             return way.quietest(question)
         # White signals have their least mean square by a convex search; of bounded ones a gain near by is better.
-        closer = question.level > 0 and self.plant.has_bounded_signals
+        size = question.inclusion.floats.base.shape[0] ** 3 * 2 ** len(question.inclusion.quantities)
+        closer = self.plant.has_bounded_signals and size <= _CLOSER[question.level]
         return way.least_error(question, accuracy.merit(self._weights) if closer else None, self._weights, near)
 
     @cached_property
