@@ -126,3 +126,14 @@ def test_the_transient_from_a_box():
         assert met[i] < size < 3 * met[i] and size > bound(question, i)
         wider = replace(proposal, start=[["-3", "3"], ["-2", "2"]])
         assert float(wider.prove(question).error.upper()) > size
+
+
+def test_noise_of_one_output_of_two():
+    """What the other sample leaves of e is 0: it is no state of the shift."""
+    zero = [[0, 0], [0, 0]]
+    made = plant([[0, 1], [0, 0]], zero, [[0, 0], ["0.2", 0]], [[1, 0], [0, 1]], aperiodic(0, "0.3"))
+    question = asked(Reachability(), noisy(made, [0, "0.05"], ["0.01", 0]), [["0.8", 0], [0, "0.7"]])
+    assert len(split_error(question, Matrix.from_rows(split_basis(question.inclusion))).s0) == 1
+    for i in range(2):
+        reached, _ = attained(question.inclusion, i, 1)
+        assert float(reached) < bound(question, i) < 2.5 * float(reached)
