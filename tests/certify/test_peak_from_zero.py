@@ -22,6 +22,7 @@ from cdobs_cli.certify.methods.peak.from_zero import PeakFromZero
 from cdobs_cli.certify.methods.peak.split import split_error
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold
+from cdobs_cli.families.reachability import Reachability
 
 
 def efimov(L: Any) -> Question:
