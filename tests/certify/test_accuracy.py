@@ -160,3 +160,15 @@ def test_the_run_of_a_counterexample_is_drawn(tmp_path: Path) -> None:
     name = "witness_error_omega_reached_run"
     assert json.loads((tmp_path / "out" / f"{name}.json").read_text())["state"] == 1
     assert (tmp_path / "out" / "figures" / f"{name}.svg").stat().st_size > 1000
+
+
+def test_a_certificate_about_no_state_of_the_plant_says_nothing() -> None:
+    question = pendulum("0.6", ("1", "1.47478"), effort=0)
+    card = Reachability.model_validate({"family": "reachability", "gain": {"K": question.gain("K")}})
+    design = card.synthesize(question.plant, 0)
+    edited = [
+        replace(one, data={**one.data, "state": state}) if one.method == "peak" else one
+        for one in design.certificates for state in ("7", "-1", "x", "pi")
+    ]  # fmt: skip
+    check = card.certify(question.plant, replace(design, certificates=tuple(edited)), 0)
+    assert check.claim("error_bounded").status == "undecided" and check.bounds["error.x1"].proved is None
