@@ -19,6 +19,7 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.reachability import Reachability
 from cdobs_cli.pipeline import Work, replay
 from cdobs_cli.plant import Box, Plant
+from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.spec.model import load
 from cdobs_cli.store import Store
 
@@ -94,6 +95,15 @@ def test_a_check_asks_no_solver_and_a_changed_certificate_proves_nothing(monkeyp
     assert worse.claim("error_bounded").status == "undecided" and worse.claim("convergence").status == "proved"
     assert worse.bounds["error.x1"].proved is None and worse.bounds["error.x1"].refuted is not None
     assert worse.bounds["error.x0"] == check.bounds["error.x0"]
+
+
+def test_certificates_of_another_law_are_no_bounds_of_this_one() -> None:
+    question = pendulum("0.6", ("1", "1.47478"), effort=0)
+    card = Reachability.model_validate({"family": "reachability", "gain": {"K": question.gain("K")}})
+    design = card.synthesize(question.plant, 0)
+    other = replace(design, sampling=SamplingLaw.periodic(Exact("0.61")))
+    check = card.certify(question.plant, other, 0)
+    assert check.bounds["error.x1"].proved is None and check.claim("error_bounded").status == "undecided"
 
 
 def test_without_noise_nothing_is_said_of_it() -> None:
