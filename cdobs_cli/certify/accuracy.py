@@ -13,7 +13,7 @@ from cdobs_cli.certificate import ERROR_BOUNDED, Bound, Claim, status_of
 from cdobs_cli.certify.adversary import attained
 from cdobs_cli.certify.gains import Merit
 from cdobs_cli.certify.levels import Level
-from cdobs_cli.certify.methods.base import Method, Proof, Question, Reach
+from cdobs_cli.certify.methods.base import UNREADABLE, Method, Proof, Question, Reach
 from cdobs_cli.certify.methods.mean_square.average import Average
 from cdobs_cli.certify.methods.mean_square.every_time import EveryTime
 from cdobs_cli.certify.methods.mean_square.from_zero import MeanSquareFromZero
@@ -98,10 +98,8 @@ def accuracy(question: Question, items: Iterable[Item]) -> tuple[list[Claim], di
     plant = question.plant
     if not plant.is_perturbed or question.inclusion.assemble_noise is None:
         return [], {}
-    covering = [item for item in items if item.method.covers.contains(question.law)]
     claims, bounds = [], {}
-    for name in dict.fromkeys(item.method.quantity(plant) for item in covering):
-        named = [item for item in covering if item.method.quantity(plant) == name]
+    for name, named in _by_name(question, items).items():
         proved = [item for item in named if item.proof.holds and item.proof.error is not None]
         best = min(proved, key=_size, default=None)
         claims.append(_claim(name, best or named[0], question))
@@ -121,6 +119,18 @@ def accuracy(question: Question, items: Iterable[Item]) -> tuple[list[Claim], di
 def _end(bound: Bound) -> arb:
     assert bound.proved is not None
     return Exact(bound.proved).ball()
+
+
+def _by_name(question: Question, items: Iterable[Item]) -> dict[str, list[Item]]:
+    """Those that are about the question's law and a bound that its plant has, by the names of the bounds."""
+    named: dict[str, list[Item]] = {}
+    for item in items:
+        if item.method.covers.contains(question.law):
+            try:
+                named.setdefault(item.method.quantity(question.plant), []).append(item)
+            except UNREADABLE:
+                continue
+    return named
 
 
 def _reached(question: Question) -> tuple[list[Claim], dict[str, str]]:
@@ -150,10 +160,7 @@ def transients(question: Question, items: Iterable[Item], levels: Sequence[Level
     error system is linear under each V), the error without disturbance and noise plus the error from e = 0 under them.
     A bound of the latter in the long run is one at all times: before t = 0 it may be thought to have been 0 for ever.
     """
-    proved = [item for item in items if item.proof.error is not None and item.method.covers.contains(question.law)]
-    known: dict[str, list[Item]] = {}
-    for item in proved:
-        known.setdefault(item.method.quantity(question.plant), []).append(item)
+    known = _by_name(question, [item for item in items if item.proof.error is not None])
 
     def bounds(start: Box) -> tuple[arb, ...]:
         free, least = [level.bounds(start) for level in levels], []
@@ -164,7 +171,7 @@ def transients(question: Question, items: Iterable[Item], levels: Sequence[Level
             least.append(min((end.upper() for end in ends), key=float, default=arb.pos_inf()))
         return tuple(least)
 
-    return [bounds] if proved else []
+    return [bounds] if known else []
 
 
 def _error(item: Item) -> arb:

@@ -19,6 +19,7 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.reachability import Reachability
 from cdobs_cli.pipeline import Work, replay
 from cdobs_cli.plant import Box, Plant
+from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.spec.model import load
 from cdobs_cli.store import Store
 
@@ -96,6 +97,15 @@ def test_a_check_asks_no_solver_and_a_changed_certificate_proves_nothing(monkeyp
     assert worse.bounds["error.x0"] == check.bounds["error.x0"]
 
 
+def test_certificates_of_another_law_are_no_bounds_of_this_one() -> None:
+    question = pendulum("0.6", ("1", "1.47478"), effort=0)
+    card = Reachability.model_validate({"family": "reachability", "gain": {"K": question.gain("K")}})
+    design = card.synthesize(question.plant, 0)
+    other = replace(design, sampling=SamplingLaw.periodic(Exact("0.61")))
+    check = card.certify(question.plant, other, 0)
+    assert check.bounds["error.x1"].proved is None and check.claim("error_bounded").status == "undecided"
+
+
 def test_without_noise_nothing_is_said_of_it() -> None:
     question = pendulum("0.6", ("1", "1.47478"), effort=0)
     quiet = noisy(question.plant, None, None)
@@ -160,3 +170,15 @@ def test_the_run_of_a_counterexample_is_drawn(tmp_path: Path) -> None:
     name = "witness_error_omega_reached_run"
     assert json.loads((tmp_path / "out" / f"{name}.json").read_text())["state"] == 1
     assert (tmp_path / "out" / "figures" / f"{name}.svg").stat().st_size > 1000
+
+
+def test_a_certificate_about_no_state_of_the_plant_says_nothing() -> None:
+    question = pendulum("0.6", ("1", "1.47478"), effort=0)
+    card = Reachability.model_validate({"family": "reachability", "gain": {"K": question.gain("K")}})
+    design = card.synthesize(question.plant, 0)
+    edited = [
+        replace(one, data={**one.data, "state": state}) if one.method == "peak" else one
+        for one in design.certificates for state in ("7", "-1", "x", "pi")
+    ]  # fmt: skip
+    check = card.certify(question.plant, replace(design, certificates=tuple(edited)), 0)
+    assert check.claim("error_bounded").status == "undecided" and check.bounds["error.x1"].proved is None

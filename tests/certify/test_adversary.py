@@ -71,7 +71,8 @@ def test_a_linear_loop_reaches_the_sum_of_its_responses():
 @pytest.mark.parametrize(
     "change",
     [
-        {"d": [["0", "0.06"]]}, {"v": [["0.02"]]}, {"values": ("2",)}, {"times": "0.7"}, {"state": 5}, {"at": 0},
+        {"d": [["0", "0.06"]]}, {"d": [["0", "-0.06"]]}, {"d": [["0.01", "0.05"]]}, {"v": [["0.02"]]},
+        {"values": ("2",)}, {"times": "0.7"}, {"state": 5}, {"at": 0},
         {"at": 10**6}, {"d": []}, {"v": [["x"]]}, {"arcs": [0]},
     ],
 )  # fmt: skip
@@ -98,6 +99,8 @@ def test_a_word_is_about_its_own_gain_law_and_boxes():
     assert attains(pendulum("0.5", ("1", "1.47478")).inclusion, witness) is None
     quiet = asked(Reachability(), noisy(KNOWN.plant, [0, "0.05"], ["0.009"]), [["1"], ["1.47478"]])
     assert attains(quiet.inclusion, witness) is None
+    silent = asked(Reachability(), noisy(KNOWN.plant, None, ["0.01"]), [["1"], ["1.47478"]])
+    assert attains(silent.inclusion, witness) is None
     unstable = pendulum("0.6", ("1", "-3"))
     assert attains(unstable.inclusion, witness) is None and attained(unstable.inclusion, 1, 1) is None
 

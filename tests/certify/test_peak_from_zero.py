@@ -22,6 +22,7 @@ from cdobs_cli.certify.methods.peak.from_zero import PeakFromZero
 from cdobs_cli.certify.methods.peak.split import split_error
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold
+from cdobs_cli.families.reachability import Reachability
 
 
 def efimov(L: Any) -> Question:
@@ -126,3 +127,14 @@ def test_the_transient_from_a_box():
         assert met[i] < size < 3 * met[i] and size > bound(question, i)
         wider = replace(proposal, start=[["-3", "3"], ["-2", "2"]])
         assert float(wider.prove(question).error.upper()) > size
+
+
+def test_noise_of_one_output_of_two():
+    """What the other sample leaves of e is 0: it is no state of the shift."""
+    zero = [[0, 0], [0, 0]]
+    made = plant([[0, 1], [0, 0]], zero, [[0, 0], ["0.2", 0]], [[1, 0], [0, 1]], aperiodic(0, "0.3"))
+    question = asked(Reachability(), noisy(made, [0, "0.05"], ["0.01", 0]), [["0.8", 0], [0, "0.7"]])
+    assert len(split_error(question, Matrix.from_rows(split_basis(question.inclusion))).s0) == 1
+    for i in range(2):
+        reached, _ = attained(question.inclusion, i, 1)
+        assert float(reached) < bound(question, i) < 2.5 * float(reached)

@@ -48,9 +48,10 @@ def coefficients(shape: Shape, lengths: Array, P: int, t: int, mu: int, q: int) 
 
 @dataclass(frozen=True)
 class Flows:
-    """[[-(P' + P A + A'P + 2 sigma P), -P B], [., mu]] >= eps at every coefficient and corner.
+    """[[diag(0, mu_s) - (P' + P A + A'P + 2 sigma P), -P B], [., mu_d]] >= eps at every coefficient and corner.
 
-    A (corners, N, N), B (corners, N, q), in unit time.
+    A (corners, N, N), B (N, q), in unit time; the weights of a piece are (mu_s, mu_d), mu_s those of the last `held` of
+    the N states.
     """
 
     A: Array
@@ -58,6 +59,7 @@ class Flows:
     coefficients: list[Coefficient]
     eps: float
     sigma: float = 0.0
+    held: int = 0
 
     @property
     def start(self) -> set[Cut]:
@@ -67,18 +69,18 @@ class Flows:
 
     @cached_property
     def _svecs(self) -> tuple[Svec, Svec]:
-        N, q = self.B.shape[1:]
+        N, q = self.B.shape
         return Svec(N), Svec(N + q)
 
     def impose(self, rows: Rows, cuts: set[Cut]) -> None:
         """The blocks of these cuts."""
         narrow, wide = self._svecs
-        N, q = self.B.shape[1:]
+        N, q = self.B.shape
         zero, none, basis = np.zeros((N, N)), np.zeros((q, q)), narrow.basis
-        slopes = wide.of(np.array([flow_block(P, zero, zero, self.B[0], none) for P in basis]))
-        weights = wide.diagonal(N)
+        slopes = wide.of(np.array([flow_block(P, zero, zero, self.B, none) for P in basis]))
+        weights = wide.diagonal(N - self.held)
         values = {
-            v: wide.of(np.array([flow_block(zero, P, self.A[v], self.B[v], none, self.sigma) for P in basis]))
+            v: wide.of(np.array([flow_block(zero, P, self.A[v], self.B, none, self.sigma) for P in basis]))
             for v in {v for _, v in cuts}
         }
         for number, v in sorted(cuts):
@@ -90,8 +92,9 @@ class Flows:
     def violated(self, x: Array) -> set[Cut]:
         """The corners that a guess fails at, the worst ones of each coefficient."""
         narrow, _ = self._svecs
-        N, q = self.B.shape[1:]
+        N, q = self.B.shape
         blocks, violated = np.zeros((len(self.A), N + q, N + q)), set()
+        fed = np.arange(N - self.held, N + q)
         for number, c in enumerate(self.coefficients):
             local = narrow.matrices(x[c.first : c.first + len(c.g) * narrow.length].reshape(-1, narrow.length))
             slope, value = np.einsum("k,kij->ij", c.g, local), np.einsum("k,kij->ij", c.e, local)
@@ -99,7 +102,8 @@ class Flows:
             blocks[:, :N, :N] = -(slope + products + products.transpose(0, 2, 1) + 2 * self.sigma * value)
             blocks[:, :N, N:] = -(value @ self.B)
             blocks[:, N:, :N] = blocks[:, :N, N:].transpose(0, 2, 1)
-            blocks[:, N:, N:] = np.diag(x[c.mu : c.mu + q] * c.h)
+            blocks[:, N:, N:] = 0.0
+            blocks[:, fed, fed] += x[c.mu : c.mu + len(fed)] * c.h
             least = np.linalg.eigvalsh(blocks)[:, 0]
             worst = np.argsort(least)[:_MORE]
             violated |= {(number, int(v)) for v in worst if least[v] < self.eps * c.h / 2}

@@ -28,9 +28,3 @@ def jump_block(P: Any, P_0: Any, J: Any, G: Any, nu: Any) -> Any:
 def target_block(P: Any, z: Any) -> Any:
     """P - z z' >= 0: (z'e)^2 <= e'P e."""
     return P - z @ z.T
-
-
-def offset_target_block(P: Any, z: Any, g: Any, nu: Any) -> Any:
-    """[[P - z z', -z g'], [., nu - g g']] >= 0: (z'e + g'v)^2 <= e'P e + v'nu v. Shapes: g (p, 1)."""
-    side = -(z @ g.T)
-    return block([[target_block(P, z), side], [side.T, nu - g @ g.T]])

@@ -6,23 +6,24 @@ error is shifted by what noise has left in it (`split`), in a basis e = S y with
 
     S^-1 J S = diag(I, j),    S^-1 G = [0; G_w],    x = y - H s_k,
 
-H s_k constant from t_k on, |s_kj| <= s0_j. Then x+ = diag(I, j) x, xdot = A x + [S^-1 B, A H] (d, s_k), A = S^-1 A_i S,
-and no sample adds anything. If at all corners, mu constant on each piece,
+H s_k constant from t_k on, |s_kj| <= s0_j. Then x+ = diag(I, j) x, xdot = A x + A H s + S^-1 B d, A = S^-1 A_i S, and
+no sample adds anything. With (x, s) as the state, sdot = 0, s arbitrary after a sample, F = [[A, A H], [0, 0]] and
+D = [S^-1 B; 0]: if P(0) = diag(P_x, 0) exactly, and at all corners, mu = (mu_s, mu_d) constant on each piece,
 
-    [[-(P' + P A + A'P + 2 sigma P), -P [S^-1 B, A H]], [., mu]] > 0    on [0, T_max],            (flow)
-    P(tau) - diag(I, j)' P(0) diag(I, j) >= 0                            on [T_min, T_max],        (jump)
-    [[P(tau) - z z', -z g'], [., nu - g g']] > 0                         on [0, T_max],            (target)
+    [[diag(0, mu_s) - (P' + P F + F'P + 2 sigma P), -P D], [., mu_d]] > 0    on [0, T_max],       (flow)
+    P(tau) - diag(I, j, 0)' P(0) diag(I, j, 0) >= 0                           on [T_min, T_max],   (jump)
+    P(tau) + diag(0, nu) - z z' > 0    for e_i = z'(x, s)                     on [0, T_max],       (target)
 
-with the error looked at z'x + g's_k, z' = S's row i and g' = z'H, then x'P x grows at no sample and by at most
-c - 2 sigma x'P x per time between them, c the largest of sum_j mu_j u0_j^2 over the pieces, u0 = (d0, s0), and
+then V = (x, s)'P(x, s) grows at no sample and by at most c - 2 sigma V per time between them, c the largest of
+sum_j mu_sj s0_j^2 + sum_j mu_dj d0_j^2 over the pieces, and
 
-    limsup (z'x + g's_k)^2 <= c / (2 sigma) + sum_j nu_j s0_j^2.
+    limsup e_i^2 <= c / (2 sigma) + sum_j nu_j s0_j^2.
 
 From a known error before the first sample x is diag(I, j) S^-1 e after it, and for all time from there the larger of
-x'P(0)x and c / (2 sigma) takes the place of the latter.
+x'P_x x and c / (2 sigma) takes the place of the latter.
 
-From T_min = 0 the jump is singular at tau = 0: there P(0) = diag(P_11, Q) exactly, which leaves diag(0, Q - j'Q j), and
-Q - j'Q j > 0, as in the clock certificate.
+From T_min = 0 the jump is singular at tau = 0: there P_x = diag(P_11, Q) exactly, which leaves diag(0, Q - j'Q j, 0),
+and Q - j'Q j > 0, as in the clock certificate.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ from cdobs_cli.certify.methods.clock.form import (
     jump_gap,
 )
 from cdobs_cli.certify.methods.peak.chain import diagonal, is_well_cut, scalars, weighted
-from cdobs_cli.certify.methods.peak.form import flow_block, offset_target_block
+from cdobs_cli.certify.methods.peak.form import flow_block, target_block
 from cdobs_cli.certify.methods.peak.split import Split, split_error
 from cdobs_cli.certify.methods.peak.state import (
     before_first_sample,
@@ -70,9 +71,9 @@ _WIDE = 2.5  # T_max over T_min from which on this method is asked
 @dataclass(frozen=True)
 class PeakFromZero(Method):
     """state: number of the state, from 0. degree d of P and elevated degree D of the inequalities; pieces on [0, T_min]
-    and on [T_min, T_max]; sigma; basis: S in e = S y; P: upper triangles of the Bernstein coefficients; mu: by piece;
-    nu: empty where g = 0. start: the intervals of the errors before the first sample, where the bound is one for all
-    time from them."""
+    and on [T_min, T_max]; sigma; basis: S in e = S y; P: upper triangles of the Bernstein coefficients; mu: by piece
+    (mu_s, mu_d). start: the intervals of the errors before the first sample, where the bound is one for all time from
+    them."""
 
     state: str
     degree: str
@@ -164,20 +165,18 @@ class PeakFromZero(Method):
         size = split.maps.base.shape
         if len(P) != shape.count or any(one.shape != size for one in P):
             return NOTHING
-        if len(mu) != shape.pieces or any(len(piece) != len(split.sizes) for piece in mu):
+        if len(mu) != shape.pieces or any(len(piece) != len(split.s0) + len(split.d0) for piece in mu):
             return NOTHING
-        (z, g), nu = split.target(number_of(self.state, question.plant)), scalars(self.nu)
-        if len(nu) != g.shape[0]:
-            return NOTHING
-        if law.from_zero and not split.begins_apart(P[0]):
+        z, nu = split.target(number_of(self.state, question.plant)), scalars(self.nu)
+        if len(nu) != len(split.s0) or not split.begins_apart(P[0], law.from_zero):
             return NOTHING
         lengths = shape.lengths(law.T_min.scalar, law.T_max.scalar)
-        blocks = self._blocks(P, mu, lengths, split, sigma, z, g, nu)
+        blocks = self._blocks(P, mu, lengths, split, sigma, z, nu)
         if not all(has_positive_pivots(one.balls()) for one in blocks):
             return NOTHING
         c = arb(0)
         for piece in mu:
-            c = c.max(arb(weighted(piece, split.sizes)))
+            c = c.max(arb(weighted(piece, (*split.s0, *split.d0))))
         largest, i = c / (2 * arb(sigma)), number_of(self.state, question.plant)
         start = start_box(self.start, question.plant)
         first = [] if start is None else split.first_vertices(start)
@@ -185,22 +184,23 @@ class PeakFromZero(Method):
             return NOTHING
         for x in first:
             largest = largest.max(arb((x.T @ P[0] @ x)[0, 0]))
-        error = (largest + arb(weighted(nu, split.s0 if nu else ()))).sqrt()
+        error = (largest + arb(weighted(nu, split.s0))).sqrt()
         return Proof(True, error=error if start is None else error.max(before_first_sample(start, i)))
 
     def _blocks(
-        self, P: list[Matrix], mu: list[list[Any]], lengths: list[Any], split: Split, sigma: Any, z: Matrix, g: Matrix,
+        self, P: list[Matrix], mu: list[list[Any]], lengths: list[Any], split: Split, sigma: Any, z: Matrix,
         nu: list[Any],
     ) -> Iterator[Matrix]:  # fmt: skip
         """Every block that is to be definite."""
-        shape, weights = self.shape, diagonal(nu)
+        shape, added, m = self.shape, split.fed(nu), len(split.s0)
         for one in P:
-            yield offset_target_block(one, z, g, weights)
+            yield target_block(one + added, z)
         for one in P[max(shape.jump_from, int(self.law.from_zero)) :]:
             yield jump_gap(P[0], one, split.maps.jump)
-        corners = [(A, split.inputs(A)) for A in split.maps.corners()]
+        corners = list(split.maps.corners())
         for number, (slope, value) in enumerate(flow_coefficients(P, shape, lengths)):
             piece = number // (shape.D + 1)
-            weight = diagonal(mu[piece]) * lengths[piece]
-            for A, B in corners:
-                yield flow_block(slope, value, A, B, weight, sigma)
+            h, weights = lengths[piece], mu[piece]
+            rising, fed = slope - split.fed(weights[:m]) * h, diagonal(weights[m:]) * h
+            for A in corners:
+                yield flow_block(rising, value, A, split.B, fed, sigma)

@@ -1,6 +1,6 @@
 """The search for a bound from T_min = 0: one semidefinite program for each sigma tried, the least bound kept.
 
-Unknowns x = (svec of every P_c; mu by piece and column; nu; c) in scaled states, unit time and signals of size 1.
+Unknowns x = (svec of every P_c; mu by piece; nu; c) in scaled states, unit time and signals of size 1.
 """
 
 from __future__ import annotations
@@ -8,16 +8,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from flint import arb
 
 from cdobs_cli.certify.methods.base import Question
-from cdobs_cli.certify.methods.clock.form import Shape, in_basis, jump_gap
+from cdobs_cli.certify.methods.clock.form import Shape, jump_gap
 from cdobs_cli.certify.methods.peak.cones import Rows, Svec
 from cdobs_cli.certify.methods.peak.flows import Cut, Flows, coefficients
-from cdobs_cli.certify.methods.peak.form import offset_target_block
+from cdobs_cli.certify.methods.peak.form import target_block
 from cdobs_cli.certify.methods.peak.sizes import float_signals, sizes
 from cdobs_cli.certify.methods.peak.split import Split
 from cdobs_cli.certify.texts import upper_texts
@@ -65,27 +65,35 @@ def proposals(question: Question, i: int, split: Split, first: list[Matrix]) -> 
     scale = np.abs(np.linalg.inv(S)) @ sized.errors
     vertices = np.array([x.floats[:, 0] for x in first]) if first else None
     if vertices is not None:
-        scale = np.maximum(scale, np.abs(vertices).max(axis=0))
+        scale = np.maximum(scale, np.abs(vertices[:, : split.N]).max(axis=0))
     scale = np.array([2.0 ** round(np.log2(x)) if x > 0 else 1.0 for x in scale])
-    d0, s0 = (np.array([float(arb(size).mid()) for size in sizes]) for sizes in (split.d0, split.s0))
-    B, H = split.B.floats * d0 / scale[:, None], split.H.floats * s0 / scale[:, None]
-    change = S * scale
-    maps = in_basis(question.inclusion.floats, change, np.linalg.inv(change))
-    unit_time = maps.mapped(lambda flow: flow * T, lambda J: np.round(J, 9))
-    reach = float(np.abs(change[i]).max())
+    s0, d0 = (np.array([_float(size) for size in sizes]) for sizes in (split.s0, split.d0))
+    change, m = np.concatenate([scale, s0]), len(s0)
+    maps = split.maps
+    unit_time = ErrorMaps(
+        maps.base.floats * change / change[:, None] * T,
+        tuple(part.floats * change / change[:, None] * T for part in maps.parts),
+        tuple(map(_float, maps.lower)), tuple(map(_float, maps.upper)), maps.jump.floats * change / change[:, None],
+    )  # fmt: skip
+    B, z = split.B.floats * d0 / change[:, None] * T, split.target(i).floats * change[:, None]
+    reach = float(np.abs(z).max())
     size = 2.0 ** round(np.log2(reach)) if reach > 0 else 1.0
-    m, share = _PIECES[question.level], float(law.T_min) / T
-    before = max(1, round(m * share)) if share else 0
-    shape = Shape(_DEGREE, _ELEVATED, before, max(1, m - before))
+    pieces, share = _PIECES[question.level], float(law.T_min) / T
+    before = max(1, round(pieces * share)) if share else 0
+    shape = Shape(_DEGREE, _ELEVATED, before, max(1, pieces - before))
     for eps in _ROOM:
         cuts = question.memory.setdefault(("peak from zero", shape), set())
-        first_scaled = None if vertices is None else vertices / scale
-        search = _Search(unit_time, B * T, H, change[[i]].T / size, shape, share, eps, cuts, first_scaled)
+        started = None if vertices is None else vertices / change
+        search = _Search(unit_time, B, z / size, m, shape, share, eps, cuts, started)
         met = _scanned(search, sized.rate * T, question)
         if met is None:
             return
         sigma, x = met
-        yield search.written(x, sigma, size, scale, (d0, s0), T)
+        yield search.written(x, sigma, size, scale, (s0, d0), T)
+
+
+def _float(value: Any) -> float:
+    return float(arb(value).mid())
 
 
 def _scanned(search: _Search, rate: float, question: Question) -> tuple[float, Array] | None:
@@ -116,12 +124,13 @@ def _scanned(search: _Search, rate: float, question: Question) -> tuple[float, A
 
 @dataclass
 class _Search:
-    """In scaled coordinates of the basis: B, H for unit signals, z (N, 1) the error looked at over its size."""
+    """In scaled coordinates (x, s), s of size 1: maps (N + m), B (N + m, q) for unit signals, z the error looked at
+    over its size; m of the states are s. first (V, N + m): vertices of the start of a transient."""
 
     maps: ErrorMaps[Array]
     B: Array
-    H: Array
     z: Array
+    m: int
     shape: Shape
     T_min: float
     eps: float
@@ -129,29 +138,24 @@ class _Search:
     first: Array | None = None
 
     @cached_property
-    def g(self) -> Array:
-        """(m, 1), of no rows where it is 0."""
-        g = self.H.T @ self.z
-        return g if np.abs(g).max(initial=0.0) > 1e-12 else g[:0]
-
-    @cached_property
     def lengths(self) -> Array:
         return np.array(self.shape.lengths(self.T_min, 1.0))
 
     @cached_property
     def _svec(self) -> Svec:
-        return Svec(self.maps.base.shape[0])
+        return Svec(len(self.z))
 
     @property
     def _q(self) -> int:
-        return int(self.B.shape[1] + self.H.shape[1])
+        """Weights of a piece."""
+        return int(self.B.shape[1]) + self.m
 
     @cached_property
     def _starts(self) -> tuple[int, int, int]:
         """Where mu, nu and c stand."""
         mu = self.shape.count * self._svec.length
         nu = mu + self.shape.pieces * self._q
-        return mu, nu, nu + len(self.g)
+        return mu, nu, nu + self.m
 
     @property
     def _size(self) -> int:
@@ -175,11 +179,8 @@ class _Search:
     def least(self, sigma: float) -> Array | None:
         """The unknowns of least b^2 for this sigma."""
         A = np.array(list(self.maps.corners()))
-        into = A @ self.H
-        B = np.concatenate([np.broadcast_to(self.B, (len(A), *self.B.shape)), into], axis=2)
-        mu, *_ = self._starts
-        every = coefficients(self.shape, self.lengths, 0, self._svec.length, mu, self._q)
-        flows = Flows(A, B, every, self.eps, sigma)
+        every = coefficients(self.shape, self.lengths, 0, self._svec.length, self._starts[0], self._q)
+        flows = Flows(A, self.B, every, self.eps, sigma, self.m)
         if not self.cuts:
             self.cuts |= flows.start
         fixed = self._fixed()
@@ -198,24 +199,21 @@ class _Search:
         return None
 
     def _fixed(self) -> Rows:
-        """Target, jump, and c at least what each piece feeds."""
-        N, t, basis = len(self.z), self._svec.length, self._svec.basis
+        """Target, jump, how P(0) begins, and c at least what each piece feeds."""
+        size, svec, t = len(self.z), self._svec, self._svec.length
         mu, nu, c = self._starts
-        rows, J, zero = Rows(self._size), self.maps.jump, np.zeros((N, N))
-        wide, none = Svec(N + len(self.g)), np.zeros((len(self.g),) * 2)
-        constant = wide.of(offset_target_block(zero, self.z, self.g, none)) - self.eps * wide.unit
-        of_P = wide.of(np.array([offset_target_block(P, self.z * 0, self.g, none + self.g @ self.g.T) for P in basis]))
+        rows, J, zero = Rows(self._size), self.maps.jump, np.zeros((size, size))
         for number in range(self.shape.count):
-            parts = {number * t: of_P}
-            if len(self.g):
-                parts[nu] = wide.diagonal(N)
-            rows.add(wide.size, parts, constant)
-        old = self._svec.of(np.array([jump_gap(P, zero, J) for P in basis]))
-        new = self._svec.of(np.array([jump_gap(zero, P, J) for P in basis]))
+            parts = {number * t: np.eye(t), nu: svec.diagonal(size - self.m)}
+            rows.add(size, parts, svec.of(target_block(zero, self.z)) - self.eps * svec.unit)
+        old = svec.of(np.array([jump_gap(P, zero, J) for P in svec.basis]))
+        new = svec.of(np.array([jump_gap(zero, P, J) for P in svec.basis]))
         for number in range(max(self.shape.jump_from, int(self.T_min == 0)), self.shape.count):
-            rows.add(N, {0: old, number * t: new}, -self.eps * self._svec.unit)
+            rows.add(size, {0: old, number * t: new}, -self.eps * svec.unit)
+        none = np.flatnonzero(self._none[svec.i, svec.j])
+        rows.equate({0: np.eye(t)[:, none]}, np.zeros(len(none)))
         if self.T_min == 0:
-            self._begin_apart(rows)
+            self._gap_at_zero(rows)
         for piece in range(self.shape.pieces):
             fed = {mu + piece * self._q: -np.ones((self._q, 1)), c: np.ones((1, 1))}
             rows.add(1, fed, np.zeros(1))
@@ -230,11 +228,9 @@ class _Search:
         for form in np.unique(forms.round(12), axis=0):
             rows.add(1, {0: -form[:, None], last: one}, np.zeros(1))
 
-    def _begin_apart(self, rows: Rows) -> None:
-        """P(0) = diag(P_11, Q), Q - j'Q j >= eps."""
-        crossing = np.flatnonzero(self._crossing[self._svec.i, self._svec.j])
-        rows.equate({0: np.eye(self._svec.length)[:, crossing]}, np.zeros(len(crossing)))
-        lost = np.flatnonzero(np.logical_not(self._kept))
+    def _gap_at_zero(self, rows: Rows) -> None:
+        """Q - j'Q j >= eps."""
+        lost = np.flatnonzero(np.logical_not(self._kept[: len(self.z) - self.m]))
         if len(lost):
             corner, narrow = self.maps.jump[np.ix_(lost, lost)], Svec(len(lost))
             gaps = [jump_gap(P, P, corner) for P in self._svec.basis[:, lost][:, :, lost]]
@@ -242,30 +238,33 @@ class _Search:
 
     @cached_property
     def _kept(self) -> Array:
-        identity = np.eye(len(self.z))
-        rows = np.abs(self.maps.jump - identity)
+        rows = np.abs(self.maps.jump - np.eye(len(self.z)))
         kept: Array = (rows.max(axis=0) == 0) & (rows.max(axis=1) == 0)
         return kept
 
     @cached_property
-    def _crossing(self) -> Array:
-        crossing: Array = self._kept[:, None] != self._kept[None, :]
-        return crossing
+    def _none(self) -> Any:
+        """Where P(0) is 0: on s, and from T_min = 0 between what J keeps and the rest."""
+        size = len(self.z)
+        of_s = np.arange(size) >= size - self.m
+        none = of_s[:, None] | of_s[None, :]
+        return none | (self._kept[:, None] != self._kept[None, :]) if self.T_min == 0 else none
 
     def written(
         self, x: Array, sigma: float, size: float, scale: Array, signals: tuple[Array, Array], T: float
     ) -> Found:
         """In the user's units: time in T, coordinates in `scale`, the error looked at in `size`."""
-        t, (mu, nu, c) = self._svec.length, self._starts
+        t, (mu, nu, c), (s0, d0) = self._svec.length, self._starts, signals
         P = self._svec.matrices(x[:mu].reshape(-1, t))
-        if self.T_min == 0:  # the equations hold exactly, not to the solver's tolerance
-            P[0] = np.where(self._crossing, 0.0, P[0])
-        u0, back = np.concatenate(signals), 1 / scale
-        weights = x[mu:nu].reshape(self.shape.pieces, self._q) * size**2 / u0**2 / T
-        offsets = x[nu:c] * size**2 / signals[1] ** 2 if len(self.g) else x[nu:c]
+        P[0] = np.where(self._none, 0.0, P[0])  # the equations hold exactly, not to the solver's tolerance
+        back = 1 / np.concatenate([scale, s0])
+        weights = x[mu:nu].reshape(self.shape.pieces, self._q) * size**2 / np.concatenate([s0, d0]) ** 2 / T
         return Found(
             float(np.sqrt(max(self.bound(x, sigma), 0.0))) * size, self.shape, sigma / T,
             [upper_texts(one * size**2 * back * back[:, None], _DIGITS) for one in P],
-            [[decimal_text(float(value), _DIGITS) for value in piece] for piece in weights],
-            [decimal_text(float(value), _DIGITS) for value in offsets],
+            [_texts(piece) for piece in weights], _texts(x[nu:c] * size**2 / s0**2),
         )  # fmt: skip
+
+
+def _texts(values: Array) -> list[str]:
+    return [decimal_text(float(value), _DIGITS) for value in values]

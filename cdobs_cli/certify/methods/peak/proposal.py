@@ -164,10 +164,10 @@ class _Scaled:
         B, G = float_signals(self.question.inclusion)
         T, scale = float(law.T_max), self.scale[:, None]
         vertices = None if self.vertices is None else self.vertices / self.scale
-        key = ("peak", first, others, self.lags)
+        cuts = self.question.memory.setdefault(("peak", first, others, self.lags), set())
         return Search(
             self.maps, B / scale * T, G / scale, first, others, self.lags, float(law.T_min) / T,
-            (float(window[0]), float(window[1])), eps, self.question.memory.setdefault(key, set()), vertices,
+            (float(window[0]), float(window[1])), eps, cuts, vertices,
         )  # fmt: skip
 
     @cached_property

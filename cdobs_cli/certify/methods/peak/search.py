@@ -117,7 +117,7 @@ class Search:
         t, q, (P, mu, *_) = self._svec.length, int(self.B.shape[1]), self._starts
         lags = zip(self.shapes, self.lengths, P, mu, strict=True)
         every = [c for shape, lengths, at, weights in lags for c in coefficients(shape, lengths, at, t, weights, q)]
-        return Flows(A, np.broadcast_to(self.B, (len(A), *self.B.shape)), every, self.eps)
+        return Flows(A, self.B, every, self.eps)
 
     def _cost(self, rho: float) -> Array:
         """b^2 itself, or the largest term of a transient."""

@@ -2,7 +2,7 @@
 
     y = S^-1 e,    S^-1 J S = diag(I, j),    S^-1 G = [0; G_w],    x = y - H s_k,
 
-s_k constant between samples, so that noise is an input of the flow and no sample adds any. Where j = 0 each sample
+s_k constant between samples, so that noise acts on the flow and no sample adds any. Where j = 0 each sample
 erases the noise of the one before: H = [0; G_w], s_k = v_k. Otherwise what is left of all noise, s_k = j s_(k-1) +
 G_w v_k, enters through H = [0; I], and is at most s0 = (1 - |j|)^-1 |G_w| v0, component by component, where that
 inverse is >= 0: exactly then the powers of |j| have a finite sum. A hold has S = I, j = 0; a correction K has j similar
@@ -11,7 +11,7 @@ to I - C K.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from cdobs_cli.certify.definite import has_positive_pivots
@@ -26,7 +26,10 @@ from cdobs_cli.plant import Box
 
 @dataclass(frozen=True)
 class Split:
-    """The shifted error: maps with jump = diag(I, j), I on `kept`; B (N, q), H (N, m), S (N, N); d0 (q,), s0 (m,)."""
+    """The shifted error and what it is shifted by, (x, s): s is constant between samples, and arbitrary after each.
+
+    maps: of (x, s), the jump diag(I, j, 0) with I on `kept`. B (N + m, q); H (N, m), S (N, N); d0 (q,), s0 (m,).
+    """
 
     maps: ErrorMaps[Matrix]
     kept: list[int]
@@ -37,34 +40,43 @@ class Split:
     s0: tuple[Any, ...]
 
     @property
-    def sizes(self) -> tuple[Any, ...]:
-        """u0 = (d0, s0)."""
-        return (*self.d0, *self.s0)
+    def N(self) -> int:
+        """How many states x has."""
+        return self.S.shape[0]
 
-    def inputs(self, A: Matrix) -> Matrix:
-        """[B, A H]: how (d, s_k) enters."""
-        return block([[self.B, A @ self.H]])
+    def target(self, i: int) -> Matrix:
+        """z with e_i = z'(x, s)."""
+        row: Matrix = self.S[[i], :]
+        return block([[row, row @ self.H]]).T
 
-    def target(self, i: int) -> tuple[Matrix, Matrix]:
-        """z and g of state i; g of no rows where it is 0."""
-        z = self.S[[i], :].T
-        g = self.H.T @ z
-        return z, g[[], :] if all(row[0] == 0 for row in g.tolist()) else g
+    def fed(self, weights: list[Any]) -> Matrix:
+        """diag(0, weights) on (x, s)."""
+        size, N = self.maps.base.shape[0], self.N
+        return Matrix.from_rows([[weights[i - N] if i == j >= N else 0 for j in range(size)] for i in range(size)])
 
     def first_vertices(self, start: Box) -> list[Matrix] | None:
-        """The corners of x just after the first sample, from errors in this box before it."""
-        none = Signals(self.B, self.H[:, []], self.d0, ())  # the noise of that sample is what x is shifted by
-        jump = self.S @ self.maps.jump @ self.S.inverse()
-        vertices = first_vertices(replace(self.maps, jump=jump), none, start)
-        return None if vertices is None else [self.S.inverse() @ e for e in vertices]
+        """The corners of (x, 0) just after the first sample, from errors in this box before it: the noise of that
+        sample is what x is shifted by, and P(0) does not look at s."""
+        rows, back = list(range(self.N)), self.S.inverse()
+        flat = self.maps.mapped(lambda flow: flow[rows, rows], lambda J: self.S @ J[rows, rows] @ back)
+        silent = Signals(self.B[rows, :], self.H[:, []], self.d0, ())
+        vertices = first_vertices(flat, silent, start)
+        none = Matrix.zeros(len(self.s0), 1)
+        return None if vertices is None else [block([[back @ e], [none]]) for e in vertices]
 
-    def begins_apart(self, P_0: Matrix) -> bool:
-        """P(0) = diag(P_11, Q) exactly, and Q - j'Q j > 0 for J = diag(I, j)."""
-        lost = [i for i in range(P_0.shape[0]) if i not in self.kept]
+    def begins_apart(self, P_0: Matrix, from_zero: bool) -> bool:
+        """P(0) is exactly 0 on s, so that what s becomes does not matter; from T_min = 0 it is diag(P_11, Q) on x,
+        exactly so, with Q - j'Q j > 0."""
+        size, N = P_0.shape[0], self.N
+        if any(P_0[i, j] != 0 for i in range(N, size) for j in range(size)):
+            return False
+        lost = [i for i in range(N) if i not in self.kept]
+        if not from_zero or not lost:
+            return True
         if any(P_0[i, j] != 0 for i in self.kept for j in lost):
             return False
         Q = P_0[lost, lost]
-        return not lost or has_positive_pivots(jump_gap(Q, Q, self.maps.jump[lost, lost]).balls())
+        return has_positive_pivots(jump_gap(Q, Q, self.maps.jump[lost, lost]).balls())
 
 
 def split_error(question: Question, S: Matrix) -> Split | None:
@@ -84,8 +96,13 @@ def split_error(question: Question, S: Matrix) -> Split | None:
         left = _left(maps.jump[lost, lost], G[lost, :], s0)
         if left is None:
             return None
-        H, s0 = Matrix.identity(S.shape[0])[:, lost], left
-    return Split(maps, kept, back @ signals.B, H, S, signals.d0, s0)
+        reached = [k for k, size in enumerate(left) if size != 0]
+        H, s0 = Matrix.identity(S.shape[0])[:, [lost[k] for k in reached]], tuple(left[k] for k in reached)
+    m, q = len(s0), len(signals.d0)
+    below, right = Matrix.zeros(m, S.shape[0]), Matrix.zeros(S.shape[0], m)
+    none = Matrix.zeros(m, m)
+    extended = maps.mapped(lambda A: block([[A, A @ H], [below, none]]), lambda J: block([[J, right], [below, none]]))
+    return Split(extended, kept, block([[back @ signals.B], [Matrix.zeros(m, q)]]), H, S, signals.d0, s0)
 
 
 def _left(j: Matrix, G_w: Matrix, v0: tuple[Any, ...]) -> tuple[Any, ...] | None:
