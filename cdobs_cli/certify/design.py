@@ -30,6 +30,7 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text, upper_tex
 from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
 
+_COARSE = Fraction(1, 20)
 # N^3 times corners up to which a gain of less error is looked for near by, by effort.
 _CLOSER = (0, 200, 1_000, 10_000)
 
@@ -259,7 +260,11 @@ class _Synthesis:
         question = self.question.with_gain({letter: best.gain}).under(best.law)
         own = [best.method] if best.method is not None else []
         done = best.method.rung if best.method is not None else ""
+        at_rest = best.method is not None and not best.method.prove(question).rate > 0
         for rung in self.card.rungs(question):
+            if rung.name == done and at_rest:  # of a gain for little noise some rate is worth knowing
+                decaying = fastest(rung, question.afresh(), _COARSE)
+                own = [decaying] if decaying is not None else own
             if rung.name != done:
                 about = question.afresh()
                 here = fastest(rung, about) if self.card.with_rates else rung.propose(about)

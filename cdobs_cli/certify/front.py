@@ -18,7 +18,7 @@ from cdobs_cli.sampling import SamplingLaw
 # Periods looked at, in parts of the law's own; those beyond it up to the first that gives no gain.
 _SHORTER = (0.35, 0.7)
 _LONGER = (1.4, 2.0, 2.8, 4.0)
-_LARGEST = 200  # N^3 times corners: beyond that the points take too long
+_LARGEST = 110  # N^3 times corners: beyond that the points take too long
 _DIGITS = 6
 
 
