@@ -49,6 +49,7 @@ def find(spec: Spec, documents: Documents, stages: frozenset[str]) -> list[Messa
         messages += _without_design(spec, documents["design"], named)
     if "simulate" in stages:
         messages += _of_simulation(spec, documents["simulation"], named)
+        messages += _beyond_bounds(spec, documents["simulation"], documents["check"], named)
     return [*messages, *_left_out(spec, documents, stages)]
 
 
@@ -117,6 +118,21 @@ def _of_simulation(spec: Spec, simulation: dict[str, Any] | None, named: set[str
     for quantity, (is_set, text) in flags.items():
         if is_set and not any(name.startswith("simulation.") and name.endswith(f".{quantity}") for name in named):
             yield _message(spec, text, ("simulation",), f"simulation.{quantity}")
+
+
+def _beyond_bounds(
+    spec: Spec, simulation: dict[str, Any] | None, check: dict[str, Any] | None, named: set[str]
+) -> Iterator[Message]:
+    """A run whose error passes what is proved for all time from its own initial errors."""
+    if simulation is None or check is None or any(name.endswith(".error_max") for name in named):
+        return
+    if simulation["overall"]["left_domain"]:  # nothing is claimed of such a run
+        return
+    for state, most in simulation["overall"]["error_max"].items():
+        bound = check["bounds"].get(f"error_transient.{state}")
+        if bound is not None and bound["proved"] not in (None, "inf") and most > float(bound["proved"]) * (1 + 1e-9):
+            text = f"the error of {state} comes to {_size(-most)}, above the {bound['proved']} that is proved"
+            yield _message(spec, text, ("simulation",), "simulation.error_max")
 
 
 def departure_text(spec: Spec, simulation: dict[str, Any]) -> str:

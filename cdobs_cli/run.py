@@ -92,7 +92,8 @@ class Departure(Noun):
 class RunSummary(Noun):
     """The figures of one run, as in `simulation.json`; of all runs, the earliest departure.
 
-    rmse: of each state's error, over the whole run; rmse_after_transient: over its second half.
+    rmse: of each state's error, over the whole run; rmse_after_transient: over its second half; error_max: its largest
+    size.
     """
 
     measurements: int
@@ -106,6 +107,7 @@ class RunSummary(Noun):
     left_domain: bool
     departure: Departure | None = None
     stopped: str | None = None
+    error_max: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

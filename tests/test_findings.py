@@ -12,7 +12,11 @@ from command import PENDULUM, forked
 from documents import CHECKS
 
 from cdobs_cli.batch import Settings, run
+from cdobs_cli.findings import find
 from cdobs_cli.outcome import Job, Result
+from cdobs_cli.pipeline import Work, check, documents, simulate
+from cdobs_cli.spec.model import load
+from cdobs_cli.store import Store
 
 EXPECT = """\
 expect:
@@ -105,3 +109,25 @@ def test_a_stored_proof_is_told_when_the_time_runs_out_later(tmp_path: Path, mon
     assert done.returncode == 1
     assert (result["design"]["outcome"], result["check"]["verdict"], result["simulation"]) == ("found", "proved", None)
     assert "simulate, report not finished within 8 s" in result["messages"][-1]["text"]
+
+
+def test_an_error_beyond_what_is_proved_for_all_time_is_a_finding(tmp_path: Path) -> None:
+    (tmp_path / "spec.yaml").write_text("""
+spec_version: 1
+plant: {states: [x], A: [[-1]], phi: ["0"], lipschitz: [[0]], disturbance: {lower: [-0.1], upper: [0.1]}}
+measurement: {C: [[1]], sampling: {period: 0.5}, noise: {lower: [-0.1], upper: [0.1]}}
+observer: {family: reachability, gain: {K: [["0.5"]]}}
+simulation: {horizon: 5, initial_state: [1], initial_estimate: [0]}
+""")
+    spec = load(tmp_path / "spec.yaml")
+    work = Work(spec, Store(tmp_path / "results"))
+    check(work)
+    simulate(work)
+    made = documents(work)
+    stages = frozenset({"check", "simulate"})
+    assert made["check"] is not None and made["simulation"] is not None and find(spec, made, stages) == []
+    bound, most = made["check"]["bounds"]["error_transient.x"], made["simulation"]["overall"]["error_max"]["x"]
+    assert 0.9 < most <= float(bound["proved"])
+    made["check"]["bounds"]["error_transient.x"] = bound | {"proved": "0.5"}
+    (told,) = find(spec, made, stages)
+    assert "above the 0.5 that is proved" in told.text

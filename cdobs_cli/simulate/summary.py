@@ -55,13 +55,15 @@ def summary(
     # Instants are good to about 1e-12: digits beyond that are rounding of the differences.
     periods = [float(f"{period:.12g}") for period in np.diff(path.t_k)]
     error, final = seen.error, None
-    rmse, late = dict[str, float](), dict[str, float]()
+    rmse, late, most = dict[str, float](), dict[str, float](), dict[str, float]()
     if error is not None:
+        sizes = zip(states, np.abs(error).max(axis=1), strict=True)
+        most = {name: float(size) for name, size in sizes if np.isfinite(size)}
         final = _finite(_size(error[:, -1]))
         rmse, late = root_mean_squares(states, path.t, error), root_mean_squares(states, path.t, error, late=True)
     return RunSummary(
         len(path.t_k), min(periods, default=None), max(periods, default=None),
-        final, rmse, late, margin, diverged, departure is not None, departure, path.stopped,
+        final, rmse, late, margin, diverged, departure is not None, departure, path.stopped, most,
     )  # fmt: skip
 
 
@@ -103,8 +105,9 @@ def quadratic_means(figures: Sequence[Mapping[str, float]]) -> dict[str, float]:
 
 
 def overall(summaries: Sequence[RunSummary]) -> RunSummary:
-    """All runs as one: measurements added up; the shortest and longest period, the largest final error and the
-    smallest margin of any run; rmse the quadratic mean over runs; flags set where any run sets them."""
+    """All runs as one: measurements added up; the shortest and longest period, the largest final error, the smallest
+    margin of any run, the largest error of each state; rmse the quadratic mean over runs; flags set where any run sets
+    them."""
     if len(summaries) == 1:
         return summaries[0]
     rmse = quadratic_means([summary.rmse for summary in summaries])
@@ -121,4 +124,6 @@ def overall(summaries: Sequence[RunSummary]) -> RunSummary:
         max(known("error_final"), default=None), rmse, late, min(known("inclusion_margin"), default=None),
         any(one.diverged for one in summaries), any(one.left_domain for one in summaries),
         min(known("departure"), key=lambda departure: departure.time, default=None), stopped,
+        {name: max(one.error_max[name] for one in summaries) for name in summaries[0].error_max
+         if all(name in one.error_max for one in summaries)},
     )  # fmt: skip
