@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from cdobs_cli.chart import Chart, Panel, Series, Table
 from cdobs_cli.design import Design, FrontPoint
 from cdobs_cli.report.numbers import end_text, float_or_none
-from cdobs_cli.report.trajectories import axis_name
 
 _DIGITS = 4
 _SHOWN = 24  # numbers of a gain in a cell
@@ -15,6 +14,8 @@ _SHOWN = 24  # numbers of a gain in a cell
 
 def front_charts(design: Design, states: Sequence[str]) -> Iterator[Chart]:
     """Proved errors, or rates, against the period; where the errors turn up stands a mark."""
+    from cdobs_cli.report.trajectories import axis_name
+
     points = [(float_or_none(point.period), point) for point in design.front]
     known = [(T, point) for T, point in points if T is not None and T > 0]
     if len(known) < 2:
