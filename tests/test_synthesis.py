@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -42,10 +43,13 @@ def test_every_call_of_the_solver_is_recorded(name: str, monkeypatch: pytest.Mon
     assert (record.name, record.version, record.iterations) == ("clarabel", clarabel.__version__, sum(asked))
 
 
-def test_a_design_found_without_the_solver_names_none() -> None:
-    planar = design("reachability_pendulum")
-    assert planar.outcome == "found"
-    assert planar.solver is None
+def test_a_design_found_without_the_solver_names_none(tmp_path: Path) -> None:
+    text = (ROOT / "specs" / "reachability_pendulum.yaml").read_text()
+    path = tmp_path / "spec.yaml"
+    path.write_text(text.replace("family: reachability", "family: reachability\n  method: set"))
+    by_set = new_design(load(path), effort=0)
+    assert by_set.outcome == "found"
+    assert by_set.solver is None
 
 
 def panic() -> BaseException:

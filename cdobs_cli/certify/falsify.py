@@ -172,7 +172,7 @@ def is_admissible(inclusion: HybridInclusion, period: tuple[Arc, ...], w: tuple[
     length = period[0].length
     for arc in period[1:]:
         length = length + arc.length
-    if length.rational is None:  # balls cannot tell a period from the arcs that it is made of
+    if len(period) > 1 and length.rational is None:  # balls cannot tell a period from the arcs that it is made of
         length = Exact(simplify(length.expression))
     return inclusion.sampling.T_min.is_at_most(length) and length.is_at_most(inclusion.sampling.T_max)
 

@@ -13,7 +13,7 @@ from flint import arb
 from noisy_examples import asked, box, noisy, pendulum, sine
 from test_output_slopes import seen_through
 
-from cdobs_cli.certificate import ERROR_BOUNDED, Bound, Check, Claim
+from cdobs_cli.certificate import ERROR_BOUNDED, UNDER_NOISE, Bound, Check, Claim
 from cdobs_cli.certify.accuracy import Item, transients
 from cdobs_cli.certify.conditions import proved_of_the_plant, with_conditions
 from cdobs_cli.certify.levels import Level
@@ -251,10 +251,11 @@ def test_a_margin_without_noise_holds_no_error_bound(way, held, holds):
     confinement = (
         Confinement(way, {"x0": "1", "x1": "1"}, (("0", "0"), ("0", "0"))) if way == "margin" else Confinement(way)
     )
-    told = with_conditions(claims, made, confinement, made.domain, disturbed=False, held_with_noise=held)
+    claims.append(Claim(UNDER_NOISE, "certificate", "proved" if held else "undecided", "it stays", ""))
+    told = with_conditions(claims, made, confinement, made.domain, disturbed=False)
     bounded = next(claim for claim in told if claim.id == ERROR_BOUNDED)
     assert (bounded.status == "proved") == holds
     check = Check(tuple(told), {"error.x0": Bound("1", "0.5", better="less"), "rms.x0": Bound("1", None)})
-    kept = proved_of_the_plant(check, made.sampling, confinement, held_with_noise=held)
+    kept = proved_of_the_plant(check, made.sampling, confinement)
     assert (kept["error.x0"].proved is not None) == holds and kept["error.x0"].refuted == "0.5"
     assert ("rms.x0" in kept) == holds

@@ -87,7 +87,7 @@ class MeanSquareFromZero(Method):
                 dropped = len(acting(asked.plant.disturbance)) if question.plant.intensity is not None else 0
                 yield cls(
                     peak.law, peak.state, peak.degree, peak.elevated, peak.pieces, peak.sigma, peak.basis, peak.P,
-                    [piece[dropped:] for piece in peak.mu], peak.nu,
+                    [piece[: len(piece) - dropped] for piece in peak.mu], peak.nu,
                 )  # fmt: skip
 
     def _prove(self, question: Question) -> Proof:
@@ -104,14 +104,15 @@ class MeanSquareFromZero(Method):
         return Proof(True, error=error) if error.is_finite() else NOTHING
 
     def _drifted(self, question: Question) -> arb:
-        """max tr(P B Q B') / (2 sigma): P(tau) lies in the hull of its coefficients."""
+        """max tr(P B Q B') / (2 sigma) over the error's part of P: it lies in the hull of its coefficients."""
         Q = question.plant.intensity
         if Q is None:
             return arb(0)
         B = rationals(self.basis).inverse() @ question.inclusion.noise_balls.drive
         spread, most = B @ Q.balls() @ B.T, arb(0)
         for rows in self.P:
-            most = most.max(arb((symmetric_from_upper(rows) @ spread).trace()))
+            P = symmetric_from_upper(rows)
+            most = most.max(arb((P[: len(self.basis), : len(self.basis)] @ spread).trace()))
         return most / (2 * fraction_ball(rate_of(self.sigma)))
 
 
