@@ -117,7 +117,9 @@ def _run(job: Job, stages: tuple[str, ...], settings: Settings, tell: Tell | Non
 
     spec = load(job.spec)
     if not stages:
-        return Result(str(job.spec), "ok")
+        from cdobs_cli.findings import remarks
+
+        return Result(str(job.spec), "ok", tuple(remarks(spec)))
     from cdobs_cli import pipeline
     from cdobs_cli.store import Store
 

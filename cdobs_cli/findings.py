@@ -53,6 +53,17 @@ def find(spec: Spec, documents: Documents, stages: frozenset[str]) -> list[Messa
     return [*messages, *_left_out(spec, documents, stages)]
 
 
+def remarks(spec: Spec) -> list[Message]:
+    """What reading a spec tells that is no mistake."""
+    from cdobs_cli.spec.seen import unseen_warning
+
+    told = unseen_warning(spec.plant)
+    if told is None:
+        return []
+    field = ("plant", "output") if spec.typed is not None else ("measurement", "C")
+    return [replace(_message(spec, told, field, "output"), severity="warning")]
+
+
 def _left_out(spec: Spec, documents: Documents, stages: frozenset[str]) -> Iterator[Message]:
     """One remark for each stage that `expect` is about and that was not run."""
     for artefact, stage in STAGE_OF.items():
