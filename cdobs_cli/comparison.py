@@ -147,7 +147,7 @@ def _intensity(plant: Plant, run: Run) -> ExactMatrix:
         return ExactMatrix([[0] * plant.n for _ in range(plant.n)])
     periods = np.diff(run.trajectories[0].t_k)
     length = float(periods @ periods / periods.sum()) if len(periods) else float(run.trajectories[0].t[-1])
-    return _diagonal([one * _exact(length) for one in _variances(plant.disturbance)])
+    return ExactMatrix.diagonal([one * _exact(length) for one in _variances(plant.disturbance)])
 
 
 def _start(plant: Plant, run: Run, plan: SimulationPlan) -> ExactMatrix:
@@ -161,7 +161,7 @@ def _start(plant: Plant, run: Run, plan: SimulationPlan) -> ExactMatrix:
         drawn = np.array([float(one) for one in _variances(plan.initial_box)])
         variances = drawn + (first.estimates["x_hat"][0] - middle) ** 2
     least = (_KNOWN * np.abs(first.x).max(axis=0)) ** 2
-    return _diagonal([_exact(float(value)) for value in np.maximum(variances, least)])
+    return ExactMatrix.diagonal([_exact(float(value)) for value in np.maximum(variances, least)])
 
 
 def _variances(box: Box) -> list[Exact]:
@@ -171,17 +171,11 @@ def _variances(box: Box) -> list[Exact]:
 
 
 def _uniform(box: Box) -> ExactMatrix:
-    return _diagonal(_variances(box))
+    return ExactMatrix.diagonal(_variances(box))
 
 
-def _middle(box: Box | None, size: int) -> list[Exact]:
-    if box is None:
-        return [EXACT_ZERO] * size
-    return [(low + high) * _HALF for low, high in zip(box.lower, box.upper, strict=True)]
-
-
-def _diagonal(entries: Sequence[Exact]) -> ExactMatrix:
-    return ExactMatrix([[one if i == j else EXACT_ZERO for j in range(len(entries))] for i, one in enumerate(entries)])
+def _middle(box: Box | None, size: int) -> tuple[Exact, ...]:
+    return (EXACT_ZERO,) * size if box is None else box.middle
 
 
 def _exact(value: float) -> Exact:

@@ -9,11 +9,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from itertools import product
-from typing import Literal
+from typing import Any, Literal
 
 from cdobs_cli.exact.expression import ZERO, Expression, Variable, call
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
 from cdobs_cli.sampling import SamplingLaw
+
+_HALF = Exact(Fraction(1, 2))
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,25 @@ class Box:
 
     lower: tuple[Exact, ...]
     upper: tuple[Exact, ...]
+
+    @property
+    def sizes(self) -> tuple[Any, ...]:
+        """max |.| of each component: a rational of flint where both ends are rational, else a ball."""
+        return tuple(
+            max(abs(low.scalar), abs(high.scalar))
+            if low.rational is not None and high.rational is not None
+            else abs(low.ball()).max(abs(high.ball()))
+            for low, high in zip(self.lower, self.upper, strict=True)
+        )
+
+    @property
+    def float_sizes(self) -> tuple[float, ...]:
+        ends = zip(self.lower, self.upper, strict=True)
+        return tuple(max(abs(float(low)), abs(float(high))) for low, high in ends)
+
+    @property
+    def middle(self) -> tuple[Exact, ...]:
+        return tuple((low + high) * _HALF for low, high in zip(self.lower, self.upper, strict=True))
 
 
 @dataclass(frozen=True)
@@ -66,7 +87,6 @@ class Domain:
 
 
 Entry = tuple[int, int]
-_HALF = Exact(Fraction(1, 2))
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from cdobs_cli.codec import Noun
@@ -52,9 +51,7 @@ class SimulationPlan:
             known = Box(self.initial_state, self.initial_state)
             estimate = self.initial_estimate or (EXACT_ZERO,) * n
         else:
-            half = Exact(Fraction(1, 2))
-            centre = tuple((low + high) * half for low, high in zip(known.lower, known.upper, strict=True))
-            estimate = self.initial_estimate or centre
+            estimate = self.initial_estimate or known.middle
         return Box(
             tuple(value - high for value, high in zip(estimate, known.upper, strict=True)),
             tuple(value - low for value, low in zip(estimate, known.lower, strict=True)),

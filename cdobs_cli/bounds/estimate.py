@@ -122,8 +122,7 @@ def before_the_first_sample(plant: Plant, start: Box) -> tuple[arb, ...]:
     slopes between x(0) and x_hat(0), one by C takes none."""
     if plant.H is None:
         return (arb(0),) * plant.n
-    ends = zip(start.lower, start.upper, strict=True)
-    return tuple(arb.max(abs(low.ball()), abs(high.ball())) for low, high in ends)
+    return tuple(map(arb, start.sizes))
 
 
 def _margin_of_its_own(plant: Plant, transients: Sequence[Transient]) -> Confinement | None:

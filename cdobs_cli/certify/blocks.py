@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cdobs_cli.certify.lmi import Cone, SparseColumns, ask_clarabel
+from cdobs_cli.certify.svec import svec
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
@@ -21,27 +22,6 @@ if TYPE_CHECKING:
 _ITERATIONS = 100
 # Of the cost's largest entry: with a cost of 1 the solver stops short of its tolerance on chains of functions.
 _COST = 1e-3
-
-
-def symmetric_basis(size: int) -> Array:
-    """(t, size, size) with t = size (size + 1) / 2: orthonormal symmetric matrices, the upper triangle by columns."""
-    j, i = np.tril_indices(size)
-    basis = np.zeros((len(i), size, size))
-    value = np.where(i == j, 1.0, np.sqrt(0.5))
-    basis[np.arange(len(i)), i, j] = value
-    basis[np.arange(len(i)), j, i] = value
-    return basis
-
-
-def full_basis(rows: int, columns: int) -> Array:
-    """(rows columns, rows, columns): the matrices with one entry 1."""
-    return np.eye(rows * columns).reshape(-1, rows, columns)
-
-
-def triangle(matrices: Array) -> Array:
-    """A stack of symmetric matrices as the solver reads them: the upper triangle by columns, others times sqrt 2."""
-    j, i = np.tril_indices(matrices.shape[-1])
-    return matrices[..., i, j] * np.where(i == j, 1.0, np.sqrt(2.0))
 
 
 @dataclass
@@ -68,13 +48,13 @@ class BlockProgram:
 
         Shapes: columns (b, k), coefficients (b, k, M, M), constants (M, M) or (b, M, M)."""
         stack, _, M, _ = coefficients.shape
-        entries = triangle(coefficients)
+        entries = svec(coefficients)
         block, which, row = np.nonzero(entries)
         height = M * (M + 1) // 2
         self._rows.append(self._height + block * height + row)
         self._columns.append(columns[block, which])
         self._data.append(-entries[block, which, row])
-        self._right.append(triangle(np.broadcast_to(constants, (stack, M, M))).reshape(-1))
+        self._right.append(svec(np.broadcast_to(constants, (stack, M, M))).reshape(-1))
         self._cones += [("psd", M)] * stack
         self._height += stack * height
 
@@ -86,14 +66,7 @@ class BlockProgram:
     def minimise(self, cost: Array, tolerance: float = 1e-9) -> Array | None:
         """The solver's last iterate; None where it is no number."""
         rows, columns, data = (np.concatenate(part) for part in (self._rows, self._columns, self._data))
-        order = np.lexsort((rows, columns))
-        rows, columns, data = rows[order], columns[order], data[order]
-        fresh = np.ones(len(rows), dtype=bool)  # where an entry was met twice it is the sum
-        fresh[1:] = (rows[1:] != rows[:-1]) | (columns[1:] != columns[:-1])
-        data = np.add.reduceat(data, np.flatnonzero(fresh)) if len(data) else data
-        rows, columns = rows[fresh], columns[fresh]
-        pointers = np.concatenate([[0], np.cumsum(np.bincount(columns, minlength=self.size))])
-        A = SparseColumns(data, rows, pointers, (self._height, self.size))
+        A = SparseColumns.of(rows, columns, data, (self._height, self.size))
         size = float(np.abs(cost).max()) / _COST or 1.0
         x, record = ask_clarabel(
             cost / size, A, np.concatenate(self._right), self._cones, tolerance, _ITERATIONS

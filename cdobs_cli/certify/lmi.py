@@ -74,6 +74,20 @@ class SparseColumns:
     has_canonical_format: bool = True
     has_sorted_indices: bool = True
 
+    @staticmethod
+    def of(rows: Any, columns: Any, data: Array, shape: tuple[int, int]) -> SparseColumns:
+        """From its entries in any order; where one is met twice it is the sum."""
+        import numpy as np
+
+        order = np.lexsort((rows, columns))
+        rows, columns, data = rows[order], columns[order], data[order]
+        fresh = np.ones(len(rows), dtype=bool)
+        fresh[1:] = (rows[1:] != rows[:-1]) | (columns[1:] != columns[:-1])
+        data = np.add.reduceat(data, np.flatnonzero(fresh)) if len(data) else data
+        rows, columns = rows[fresh], columns[fresh]
+        pointers = np.concatenate([[0], np.cumsum(np.bincount(columns, minlength=shape[1]))])
+        return SparseColumns(data, rows, pointers, shape)
+
 
 @dataclass(frozen=True)
 class Solution:
@@ -147,6 +161,8 @@ class Program:
         """Ask Clarabel, one thread."""
         import numpy as np
 
+        from cdobs_cli.certify.svec import svec
+
         rows, right = [], []
         cones: list[Cone] = []
         for offset, coefficients in self._equalities:
@@ -154,13 +170,9 @@ class Program:
             right.append(offset.reshape(-1))
             cones.append(("zero", offset.size))
         for offset, coefficients in self._semidefinite:
-            dimension = offset.shape[0]
-            # Clarabel's triangle: the upper triangle by columns, off-diagonals times sqrt 2.
-            j, i = np.tril_indices(dimension)
-            scale = np.where(i == j, 1.0, np.sqrt(2.0))
-            rows.append(-(coefficients[:, i, j] * scale).T)
-            right.append(offset[i, j] * scale)
-            cones.append(("psd", dimension))
+            rows.append(-svec(coefficients).T)
+            right.append(svec(offset))
+            cones.append(("psd", offset.shape[0]))
         cost = np.zeros(self.size) if self._cost is None else self._cost
         x, record = ask_clarabel(cost, compressed(np.vstack(rows)), np.concatenate(right), cones, tolerance, iterations)
         return Solution(record.status == "Solved", self._split(x), -float(cost @ x), record)
@@ -237,6 +249,5 @@ def compressed(A: Array) -> SparseColumns:
     """A dense array in compressed columns, exact zeros left out."""
     import numpy as np
 
-    columns, indices = np.nonzero(A.T)
-    counts = np.bincount(columns, minlength=A.shape[1])
-    return SparseColumns(A.T[columns, indices], indices, np.concatenate([[0], np.cumsum(counts)]), A.shape)
+    rows, columns = np.nonzero(A)
+    return SparseColumns.of(rows, columns, A[rows, columns], A.shape)

@@ -68,6 +68,10 @@ class Matrix:
         return Matrix.from_rows([[int(i == j) for j in range(size)] for i in range(size)])
 
     @staticmethod
+    def diagonal(entries: Sequence[Scalar]) -> Matrix:
+        return Matrix.from_rows([[one if i == j else 0 for j in range(len(entries))] for i, one in enumerate(entries)])
+
+    @staticmethod
     def zeros(height: int, width: int) -> Matrix:
         return Matrix(fmpq_mat(height, width))
 

@@ -109,6 +109,10 @@ class ExactMatrix:
         if not self.rows or any(len(row) != len(self.rows[0]) for row in self.rows):
             raise ValueError("a matrix has rows of one length")
 
+    @staticmethod
+    def diagonal(entries: Sequence[Exact]) -> ExactMatrix:
+        return ExactMatrix([[one if i == j else 0 for j in range(len(entries))] for i, one in enumerate(entries)])
+
     @property
     def shape(self) -> tuple[int, int]:
         return len(self.rows), len(self.rows[0])

@@ -9,7 +9,7 @@ from pydantic import ConfigDict, Field
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.budget import spend
-from cdobs_cli.exact.numbers import EXACT_ZERO, ExactMatrix
+from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.fields import MAX_ROWS, NonNegativeNumber, Rows, Vector, sized
 from cdobs_cli.plant import Box
 from cdobs_cli.spec.block import Block
@@ -68,10 +68,7 @@ class NoiseBlock(_UncertainBlock):
         """E v_k v_k', shape (p, p); None of a box."""
         if self.std is None:
             return self.covariance
-        rows = [
-            [sigma * sigma if i == j else EXACT_ZERO for j in range(len(self.std))] for i, sigma in enumerate(self.std)
-        ]
-        return ExactMatrix(rows)
+        return ExactMatrix.diagonal([sigma * sigma for sigma in self.std])
 
 
 class DisturbanceBlock(_UncertainBlock):

@@ -19,13 +19,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cdobs_cli.certify.blocks import BlockProgram, full_basis
+from cdobs_cli.certify.blocks import BlockProgram
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.mean_square.curves import Curves
 from cdobs_cli.certify.methods.mean_square.setting import Setting, shape, units
-from cdobs_cli.certify.methods.mean_square.signals import largest_sizes
+from cdobs_cli.certify.methods.mean_square.signals import bounded_floats
 from cdobs_cli.certify.methods.mean_square.synthesis import gain_of
 from cdobs_cli.certify.methods.peak.signals import acting
+from cdobs_cli.certify.svec import full_basis
 from cdobs_cli.exact.matrix import block
 
 if TYPE_CHECKING:
@@ -91,7 +92,7 @@ def _scanned(
 def _first_states(question: Question) -> Array:
     """The units of the clock certificate, of the size that noise, or disturbance over one period, has in them."""
     setting = Setting.in_units(question, units(question.inclusion))
-    d_0, v_0 = _sizes(question)
+    v_0, d_0 = bounded_floats(question.plant)
     seen = np.abs(question.inclusion.view_floats.C * setting.states).max(axis=1)
     kicks = max((v / one for v, one in zip(v_0, seen, strict=True) if one > 0), default=0.0)
     size = max(kicks, float(np.abs(setting.drive * d_0).max(initial=0.0)))
@@ -99,16 +100,10 @@ def _first_states(question: Question) -> Array:
     return scaled
 
 
-def _sizes(question: Question) -> tuple[Array, Array]:
-    plant = question.plant
-    d_0, v_0 = largest_sizes(plant.disturbance, plant.n), largest_sizes(plant.noise, plant.p)
-    return np.array([float(size) for size in d_0]), np.array([float(size) for size in v_0])
-
-
 def _solve(question: Question, setting: Setting, rho: float, weights: Array, sigma: float) -> Guess | None:
     plant, n, p = question.plant, setting.N, question.plant.p
     d, v = acting(plant.disturbance), acting(plant.noise)
-    d_0, v_0 = _sizes(question)
+    v_0, d_0 = bounded_floats(question.plant)
     B, V = setting.drive[:, d] * d_0[d], np.diag(v_0)[:, v]
     form = shape(question, setting)
     r, q, pieces = len(d), len(v), form.pieces

@@ -40,12 +40,9 @@ class Chain(Generic[M]):
 
     @staticmethod
     def exact(n: int) -> Chain[Matrix]:
-        def diagonal(values: list[Any]) -> Matrix:
-            return Matrix.from_rows([[value if i == j else 0 for j in range(n)] for i, value in enumerate(values)])
-
         A = Matrix.from_rows([[int(j == i + 1) for j in range(n)] for i in range(n)])
         C = Matrix.from_rows([[int(j == 0) for j in range(n)]])
-        return Chain(n, A, C, diagonal(list(range(1, n + 1))), Matrix.identity(n), diagonal)
+        return Chain(n, A, C, Matrix.diagonal(range(1, n + 1)), Matrix.identity(n), Matrix.diagonal)
 
     def powers(self, r: Any) -> M:
         """diag(r, .., r^n)."""

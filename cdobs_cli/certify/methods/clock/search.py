@@ -17,6 +17,7 @@ import numpy as np
 from cdobs_cli.certify.bernstein import derivative, elevation
 from cdobs_cli.certify.lmi import Cone, SparseColumns, ask_clarabel
 from cdobs_cli.certify.methods.clock.form import Shape, erases_the_rest, jump_block, jump_gap, kept_states, lyapunov
+from cdobs_cli.certify.svec import full_basis, svec, symmetric_basis, triangle
 from cdobs_cli.hybrid import ErrorMaps
 
 if TYPE_CHECKING:
@@ -54,25 +55,9 @@ class Search:
     crossing: Array = field(init=False, repr=False)
 
     @cached_property
-    def triangle(self) -> tuple[Any, Any]:
-        """Rows and columns of the upper triangle, by columns."""
-        j, i = np.tril_indices(self.N)
-        return i, j
-
-    @cached_property
     def basis(self) -> Array:
         """(t, N, N): the symmetric matrices whose svec are unit vectors."""
-        i, j = self.triangle
-        basis = np.zeros((len(i), self.N, self.N))
-        value = np.where(i == j, 1.0, np.sqrt(0.5))
-        basis[np.arange(len(i)), i, j] = value
-        basis[np.arange(len(i)), j, i] = value
-        return basis
-
-    def svec(self, matrices: Array) -> Array:
-        """svec of a stack (.., M, M)."""
-        j, i = np.tril_indices(matrices.shape[-1])
-        return matrices[..., i, j] * np.where(i == j, 1.0, np.sqrt(2.0))
+        return symmetric_basis(self.N)
 
     @cached_property
     def operators(self) -> tuple[Array, Array, Any]:
@@ -121,7 +106,7 @@ class Search:
     def _lyapunov(self, flows: Array, sigma: float) -> Array:
         """(corners, t, t): svec of P A + A' P + 2 sigma P on the svec of P, transposed into rows."""
         images = np.array([[lyapunov(P, A, sigma) for P in self.basis] for A in flows])
-        return self.svec(images).transpose(0, 2, 1)
+        return svec(images).transpose(0, 2, 1)
 
     def _worst(self, P: list[Array], flows: Array, sigma: float) -> tuple[Array, Array]:
         """For each flow coefficient the largest eigenvalue over all corners, and its corner."""
@@ -164,7 +149,7 @@ class Search:
         erased = len(exact) == 1 and bool(kept) and erases_the_rest(exact[0], kept)
         positive = kept if erased else list(range(self.N))
         trace = np.zeros((1, self._size))
-        trace[0, self._unknown(0)] = self.svec(np.diag([float(i in positive) for i in range(self.N)]))
+        trace[0, self._unknown(0)] = svec(np.diag([float(i in positive) for i in range(self.N)]))
         rows.append(trace)
         right.append(1.0)
         cones.append(("zero", 1))
@@ -174,7 +159,7 @@ class Search:
             lost = [i for i in range(self.N) if i not in kept]
             is_kept = np.isin(np.arange(self.N), kept)
             self.crossing = is_kept[:, None] != is_kept[None, :]
-            crossing = np.flatnonzero(self.crossing[self.triangle])
+            crossing = np.flatnonzero(self.crossing[triangle(self.N)])
             if len(crossing):
                 structure = np.zeros((len(crossing), self._size))
                 structure[np.arange(len(crossing)), crossing] = 1.0
@@ -184,11 +169,11 @@ class Search:
             for J in jumps if lost else ():
                 corner = J[np.ix_(lost, lost)]
                 gaps = np.array([jump_gap(P, P, corner) for P in self.basis[:, lost][:, :, lost]])
-                rows.append(self._semidefinite({0: self.svec(gaps)}, len(lost)))
+                rows.append(self._semidefinite({0: svec(gaps)}, len(lost)))
                 right.extend([0.0] * (len(lost) * (len(lost) + 1) // 2))
                 cones.append(("psd", len(lost)))
         if self.C is None:
-            rows.append(self._semidefinite({0: self.svec(self.basis[:, positive][:, :, positive])}, len(positive)))
+            rows.append(self._semidefinite({0: svec(self.basis[:, positive][:, :, positive])}, len(positive)))
             right.extend([0.0] * (len(positive) * (len(positive) + 1) // 2))
             cones.append(("psd", len(positive)))
         for number in range(max(self.shape.jump_from, int(self.from_zero)), self.shape.count):
@@ -203,8 +188,8 @@ class Search:
         """P(tau) - J'P(0)J at one coefficient, as coefficients of the unknowns, and its dimension."""
         zero = np.zeros((self.N, self.N))
         for J in jumps:
-            old = self.svec(np.array([jump_gap(P, zero, J) for P in self.basis]))
-            new = self.svec(np.array([jump_gap(zero, P, J) for P in self.basis]))
+            old = svec(np.array([jump_gap(P, zero, J) for P in self.basis]))
+            new = svec(np.array([jump_gap(zero, P, J) for P in self.basis]))
             yield ({0: old + new} if number == 0 else {0: old, number: new}), self.N
 
     def _free_jumps(self, number: int, corners: list[Array]) -> Iterator[tuple[dict[int, Array], int]]:
@@ -213,10 +198,9 @@ class Search:
         for C in corners:
             p = C.shape[0]
             none = np.zeros((self.N, p))
-            old = self.svec(np.array([jump_block(P, none, C, zero) for P in self.basis]))
-            new = self.svec(np.array([jump_block(zero, none, C, P) for P in self.basis]))
-            units = np.eye(self.N * p).reshape(-1, self.N, p)
-            W = self.svec(np.array([jump_block(zero, unit, C, zero) for unit in units]))
+            old = svec(np.array([jump_block(P, none, C, zero) for P in self.basis]))
+            new = svec(np.array([jump_block(zero, none, C, P) for P in self.basis]))
+            W = svec(np.array([jump_block(zero, unit, C, zero) for unit in full_basis(self.N, p)]))
             yield {0: old, number: new, -1: W}, 2 * self.N
 
     def _semidefinite(self, parts: dict[int, Array], dimension: int) -> Array:
@@ -225,7 +209,7 @@ class Search:
         for number, coefficients in parts.items():
             columns = slice(self.shape.count * self._t, self._size - 1) if number == -1 else self._unknown(number)
             rows[:, columns] -= coefficients.T
-        rows[:, -1] = self.svec(np.eye(dimension))
+        rows[:, -1] = svec(np.eye(dimension))
         return rows
 
     def _ask(self, L: Array, static: tuple[list[Array], list[float], list[Cone]]) -> Solution | None:
@@ -240,7 +224,7 @@ class Search:
         rows = cut * t + row
         columns = (first[c][cut] + which) * t + column
         data = values[cut, row, which, column]
-        unit = self.svec(np.eye(self.N))
+        unit = svec(np.eye(self.N))
         diagonal = np.flatnonzero(unit)
         margin_rows = (np.arange(len(cuts))[:, None] * t + diagonal).reshape(-1)
         rows = np.concatenate([rows, margin_rows])
@@ -252,10 +236,8 @@ class Search:
         rows = np.concatenate([fixed_rows, rows + len(top)])
         columns = np.concatenate([fixed_columns, columns])
         data = np.concatenate([top[fixed_rows, fixed_columns], data])
-        order = np.lexsort((rows, columns))
-        pointers = np.concatenate([[0], np.cumsum(np.bincount(columns, minlength=size))])
         height = len(top) + len(cuts) * t
-        A = SparseColumns(data[order], rows[order], pointers, (height, size))
+        A = SparseColumns.of(rows, columns, data, (height, size))
         b = np.zeros(height)
         b[: len(right)] = right
         flow: Cone = ("psd", self.N)

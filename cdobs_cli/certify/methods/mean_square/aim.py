@@ -10,7 +10,7 @@ import numpy as np
 
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.mean_square.setting import units
-from cdobs_cli.certify.methods.mean_square.signals import largest_sizes, noise_floats
+from cdobs_cli.certify.methods.mean_square.signals import bounded_floats, noise_floats
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
@@ -39,8 +39,7 @@ class Aim:
         """The covariance and intensity declared; bounded signals as if uniform, a disturbance constant over T_max."""
         plant = question.plant
         R, Q = noise_floats(plant)
-        v_0 = np.array([float(size) for size in largest_sizes(plant.noise, plant.p)])
-        d_0 = np.array([float(size) for size in largest_sizes(plant.disturbance, plant.n)])
+        v_0, d_0 = bounded_floats(plant)
         spread, drift = np.diag(v_0**2), np.diag(d_0**2) * float(question.law.T_max)
         return Aim(weights_of(question, weights), R + spread / _UNIFORM, Q + drift / _UNIFORM, sigma)
 

@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cdobs_cli.certify.bernstein import derivative, elevation
-from cdobs_cli.certify.blocks import BlockProgram, symmetric_basis
+from cdobs_cli.certify.blocks import BlockProgram
 from cdobs_cli.certify.methods.clock.form import Shape, jump_gap, lyapunov
-from cdobs_cli.certify.methods.mean_square.form import instants, kick_block, sample_instants, sums
+from cdobs_cli.certify.methods.mean_square.form import instants, sample_instants, sums
 from cdobs_cli.certify.methods.mean_square.setting import ALL_AT_ONCE
+from cdobs_cli.certify.methods.peak.form import jump_block
+from cdobs_cli.certify.svec import symmetric_basis
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
@@ -144,9 +146,9 @@ class Curves:
             return self.require_jumps(program, jumps, after, before, share)
         zero, nothing = np.zeros((n, n)), np.zeros((q, q))
         for J in jumps:
-            terms = [kick_block(P, zero, J, G, nothing) for P in self.basis]
-            terms += [kick_block(zero, P * share, J, G, nothing) for P in self.basis]
-            terms += [kick_block(zero, zero, J, G, np.diag(row)) for row in np.eye(q)]
+            terms = [jump_block(zero, P, J, G, nothing) for P in self.basis]
+            terms += [jump_block(P * share, zero, J, G, nothing) for P in self.basis]
+            terms += [jump_block(zero, zero, J, G, np.diag(row)) for row in np.eye(q)]
             numbers = range(self.shape.jump_from, self.shape.count)
             columns = np.array([[*self.columns(after, 0), *self.columns(before, number), *nu] for number in numbers])
             stack = np.broadcast_to(np.array(terms), (len(columns), len(terms), n + q, n + q))

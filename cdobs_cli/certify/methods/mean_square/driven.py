@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cdobs_cli.certify.methods.mean_square.setting import Setting
-from cdobs_cli.certify.methods.mean_square.signals import largest_sizes, noise_floats
+from cdobs_cli.certify.methods.mean_square.signals import bounded_floats, noise_floats
 from cdobs_cli.certify.methods.peak.signals import acting
 from cdobs_cli.plant import Plant
 
@@ -33,8 +33,8 @@ class Driven:
     @staticmethod
     def of(setting: Setting, plant: Plant) -> Driven:
         d, v = acting(plant.disturbance), acting(plant.noise)
-        d_0 = np.array([float(size) for size in largest_sizes(plant.disturbance, plant.n)])[d]
-        v_0 = np.array([float(size) for size in largest_sizes(plant.noise, plant.p)])[v]
+        v_0, d_0 = bounded_floats(plant)
+        v_0, d_0 = v_0[v], d_0[d]
         B, G = setting.drive[:, d] * d_0, setting.kick[:, v] * v_0
         R, Q = noise_floats(plant)
         spread, drift = setting.kick @ R @ setting.kick.T, setting.drive @ Q @ setting.drive.T / setting.T

@@ -1,4 +1,5 @@
-"""The inequalities of mean square bounds, each one pure function, and integrals of what is in Bernstein form."""
+"""What mean square bounds ask besides the inequalities of an error bound (`peak.form`), and integrals of what is in
+Bernstein form."""
 
 from __future__ import annotations
 
@@ -11,17 +12,6 @@ from cdobs_cli.exact.matrix import block
 def paid(slope: Any, lyapunov: Any, Z: Any) -> Any:
     """-(Pdot + P A + A'P + Z) >= 0: while e'Pe falls it pays for e'Ze."""
     return -(slope + lyapunov + Z)
-
-
-def driven_block(gap: Any, P_B: Any, mu: Any) -> Any:
-    """[[gap, -P B], [., mu]] >= 0, gap as in `paid`: e'Pe grows by d'mu d - e'Ze at most; mu a diagonal matrix."""
-    return block([[gap, -P_B], [-P_B.T, mu]])
-
-
-def kick_block(P_0: Any, P: Any, J: Any, G: Any, nu: Any) -> Any:
-    """[[P(tau) - J'P(0)J, -J'P(0)G], [., nu - G'P(0)G]] >= 0: at a sample e'Pe grows by v'nu v at most."""
-    crossing = -(J.T @ P_0 @ G)
-    return block([[P - J.T @ P_0 @ J, crossing], [crossing.T, nu - G.T @ P_0 @ G]])
 
 
 def spread_block(X: Any, W: Any, P_0: Any) -> Any:

@@ -16,10 +16,9 @@ from flint import arb, fmpq
 from cdobs_cli.certify.definite import has_positive_pivots
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.form import Shape, flow_coefficients, in_basis, jump_gap, lyapunov
-from cdobs_cli.certify.methods.mean_square.form import driven_block, instants, kick_block, paid, sample_instants, sums
-from cdobs_cli.certify.methods.mean_square.setting import diagonal
-from cdobs_cli.certify.methods.mean_square.signals import largest_sizes
-from cdobs_cli.certify.methods.peak.signals import acting
+from cdobs_cli.certify.methods.mean_square.form import instants, paid, sample_instants, sums
+from cdobs_cli.certify.methods.peak.form import driven_block, jump_block
+from cdobs_cli.certify.methods.peak.signals import acting, acting_sizes
 from cdobs_cli.certify.texts import rational, symmetric_from_upper, upper_texts
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import fraction_text
@@ -107,11 +106,11 @@ class Proved:
 
     @cached_property
     def S(self) -> Matrix:
-        return diagonal(list(self.units))
+        return Matrix.diagonal(self.units)
 
     @cached_property
     def back(self) -> Matrix:
-        return diagonal([1 / value for value in self.units])
+        return Matrix.diagonal([1 / value for value in self.units])
 
     @cached_property
     def maps(self) -> ErrorMaps[Matrix]:
@@ -149,7 +148,7 @@ class Proved:
         """The diagonal matrix of so many prices. Raises: ValueError on another number of them."""
         if len(rows) != count:
             raise ValueError("one price for each signal")
-        return diagonal([rational(text) for text in rows])
+        return Matrix.diagonal([rational(text) for text in rows])
 
     def power(self, mu: Matrix) -> arb:
         """sum_j mu_j d0_j^2."""
@@ -205,7 +204,7 @@ class Proved:
             for J in self.jumps:
                 P = P_before[number] * share
                 kicked = G is not None and nu is not None and G.shape[1] > 0
-                if not positive(kick_block(P_after, P, J, G, nu) if kicked else jump_gap(P_after, P, J)):
+                if not positive(jump_block(P, P_after, J, G, nu) if kicked else jump_gap(P_after, P, J)):
                     return False
         return True
 
@@ -231,7 +230,7 @@ class Proved:
 
 
 def _weighted(prices: Matrix, box: Box | None) -> arb:
-    sizes, total = largest_sizes(box, 0), arb(0)
-    for place, j in enumerate(acting(box)):
-        total += arb(prices[place, place]) * sizes[j] ** 2
+    total = arb(0)
+    for place, size in enumerate(acting_sizes(box)):
+        total += arb(prices[place, place]) * arb(size) ** 2
     return total

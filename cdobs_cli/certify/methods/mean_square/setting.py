@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from fractions import Fraction
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,6 @@ from cdobs_cli.certify.floats import exponentials
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.certificate import basis
 from cdobs_cli.certify.methods.clock.form import Shape
-from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.hybrid import HybridInclusion
 
 if TYPE_CHECKING:
@@ -129,12 +127,6 @@ def padded(Z: Array, N: int) -> Array:
 def errors_only(inclusion: HybridInclusion, weights: Array) -> Array:
     """diag(weights, 0), shape (N, N): weights of the n errors, none of what else the error system holds."""
     return padded(np.diag(weights), inclusion.floats.base.shape[0])
-
-
-def diagonal(entries: list[Fraction]) -> Matrix:
-    if not entries:
-        return Matrix.zeros(0, 0)
-    return Matrix.from_rows([[entry if i == j else 0 for j in range(len(entries))] for i, entry in enumerate(entries)])
 
 
 def shape(question: Question, setting: Setting, functions: int = 1) -> Shape:

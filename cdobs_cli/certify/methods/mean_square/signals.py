@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from flint import arb
 
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.certificate import is_small
 from cdobs_cli.exact.matrix import Matrix
-from cdobs_cli.plant import Box, Plant
+from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
@@ -52,11 +51,11 @@ def noise_floats(plant: Plant) -> tuple[Array, Array]:
     return R, Q
 
 
-def largest_sizes(box: Box | None, size: int) -> list[arb]:
-    """The largest size of each signal, 0 without a box."""
-    if box is None:
-        return [arb(0)] * size
-    return [abs(low.ball()).max(abs(high.ball())) for low, high in zip(box.lower, box.upper, strict=True)]
+def bounded_floats(plant: Plant) -> tuple[Array, Array]:
+    """(v_0, d_0) of bounded signals, zeros where there are none."""
+    v_0 = np.zeros(plant.p) if plant.noise is None else np.array(plant.noise.float_sizes)
+    d_0 = np.zeros(plant.n) if plant.disturbance is None else np.array(plant.disturbance.float_sizes)
+    return v_0, d_0
 
 
 def identity_on(n: int, N: int) -> Matrix:

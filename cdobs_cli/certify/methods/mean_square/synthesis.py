@@ -16,13 +16,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cdobs_cli.certify.blocks import BlockProgram, full_basis, symmetric_basis
+from cdobs_cli.certify.blocks import BlockProgram
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.form import Shape, jump_block
 from cdobs_cli.certify.methods.mean_square.aim import Aim
 from cdobs_cli.certify.methods.mean_square.curves import Curves
 from cdobs_cli.certify.methods.mean_square.form import spread_block
 from cdobs_cli.certify.methods.mean_square.setting import Setting, shape, units
+from cdobs_cli.certify.svec import full_basis, symmetric_basis
 from cdobs_cli.exact.numbers import ExactMatrix
 
 if TYPE_CHECKING:

@@ -176,7 +176,7 @@ class _Reading:
         for lag in range(1, last + 2):
             # The tail: the last function again, shrunk.
             before = self.P[lag] if lag <= last else [P * self.rho2 for P in self.P[last]]
-            after, nu = self.P[lag - 1][0], diagonal(self.nu[lag - 1])
+            after, nu = self.P[lag - 1][0], Matrix.diagonal(self.nu[lag - 1])
             for J in self.maps.jumps():
                 for P in before[others.jump_from :]:
                     yield jump_block(P, after, J, self.signals.G, nu)
@@ -185,7 +185,7 @@ class _Reading:
             lengths = self.lengths(lag)
             for number, (P_dot, P) in enumerate(flow_coefficients(self.P[lag], shape, lengths)):
                 piece = number // (shape.D + 1)
-                mu = diagonal(self.mu[lag][piece]) * lengths[piece]
+                mu = Matrix.diagonal(self.mu[lag][piece]) * lengths[piece]
                 for A in corners:
                     yield flow_block(P_dot, P, A, self.signals.B, mu)
 
@@ -208,11 +208,6 @@ def _times(length: Any, share: Fraction) -> Any:
 
 def scalars(texts: list[str]) -> list[Any]:
     return [Matrix.from_rows([[rational(text)]])[0, 0] for text in texts]
-
-
-def diagonal(entries: list[Any]) -> Matrix:
-    size = len(entries)
-    return Matrix.from_rows([[entries[i] if i == j else 0 for j in range(size)] for i in range(size)])
 
 
 def weighted(weights: list[Any], sizes: tuple[Any, ...]) -> Any:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cdobs_cli.certify.lmi import Cone, SparseColumns, ask_clarabel
+from cdobs_cli.certify.svec import svec, triangle
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
@@ -19,14 +20,14 @@ class Svec:
     """Symmetric matrices of one size as vectors: a triangle by columns, off-diagonals times sqrt 2."""
 
     def __init__(self, size: int) -> None:
-        self.j, self.i = np.tril_indices(size)
+        self.i, self.j = triangle(size)
         self.scale = np.where(self.i == self.j, 1.0, np.sqrt(2.0))
         self.size, self.length = size, len(self.i)
         self.unit = self.of(np.eye(size))
 
     def of(self, matrices: Array) -> Array:
         """(.., size, size) to (.., length)."""
-        return matrices[..., self.i, self.j] * self.scale
+        return svec(matrices)
 
     def matrices(self, vectors: Array) -> Array:
         """(k, length) to (k, size, size)."""
@@ -77,10 +78,7 @@ class Rows:
 
     def columns(self) -> tuple[SparseColumns, Array]:
         rows, columns, data = (np.concatenate(part) for part in zip(*self.entries, strict=True))
-        order = np.lexsort((rows, columns))
-        pointers = np.concatenate([[0], np.cumsum(np.bincount(columns, minlength=self.size))])
-        A = SparseColumns(data[order], rows[order], pointers, (self.height, self.size))
-        return A, np.concatenate(self.right)
+        return SparseColumns.of(rows, columns, data, (self.height, self.size)), np.concatenate(self.right)
 
     def least(self, cost: Array) -> Array | None:
         """The x of least cost as the solver has it, however it ended; None where it says that there is none."""

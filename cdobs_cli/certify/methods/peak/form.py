@@ -15,8 +15,12 @@ from cdobs_cli.exact.matrix import block
 
 def flow_block(P_dot: Any, P: Any, A: Any, B: Any, mu: Any, sigma: Any = 0) -> Any:
     """[[-(Pdot + P A + A'P + 2 sigma P), -P B], [., mu]] >= 0: d/dt e'P e <= d'mu d - 2 sigma e'P e."""
-    corner, side = -(P_dot + lyapunov(P, A, sigma)), -(P @ B)
-    return block([[corner, side], [side.T, mu]])
+    return driven_block(-(P_dot + lyapunov(P, A, sigma)), P @ B, mu)
+
+
+def driven_block(gap: Any, P_B: Any, mu: Any) -> Any:
+    """[[gap, -P B], [., mu]] >= 0, gap what e'Pe falls by per time where d = 0: under d it grows by d'mu d at most."""
+    return block([[gap, -P_B], [-P_B.T, mu]])
 
 
 def jump_block(P: Any, P_0: Any, J: Any, G: Any, nu: Any) -> Any:

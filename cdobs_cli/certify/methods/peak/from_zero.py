@@ -43,7 +43,7 @@ from cdobs_cli.certify.methods.clock.form import (
     flow_coefficients,
     jump_gap,
 )
-from cdobs_cli.certify.methods.peak.chain import diagonal, is_well_cut, scalars, weighted
+from cdobs_cli.certify.methods.peak.chain import is_well_cut, scalars, weighted
 from cdobs_cli.certify.methods.peak.form import flow_block, target_block
 from cdobs_cli.certify.methods.peak.split import Split, split_error
 from cdobs_cli.certify.methods.peak.state import (
@@ -201,6 +201,6 @@ class PeakFromZero(Method):
         for number, (slope, value) in enumerate(flow_coefficients(P, shape, lengths)):
             piece = number // (shape.D + 1)
             h, weights = lengths[piece], mu[piece]
-            rising, fed = slope - split.fed(weights[:m]) * h, diagonal(weights[m:]) * h
+            rising, fed = slope - split.fed(weights[:m]) * h, Matrix.diagonal(weights[m:]) * h
             for A in corners:
                 yield flow_block(rising, value, A, split.B, fed, sigma)

@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import HybridInclusion
 from cdobs_cli.plant import Box
 
@@ -32,10 +31,7 @@ def exact_signals(inclusion: HybridInclusion) -> Signals[Any]:
     """Rational where the data are rational, balls otherwise."""
     plant, maps = inclusion.plant, inclusion.noise_balls
     d, v = acting(plant.disturbance), acting(plant.noise)
-    return Signals(
-        maps.drive[:, d], maps.kick[:, v], tuple(_size(plant.disturbance, j) for j in d),
-        tuple(_size(plant.noise, j) for j in v),
-    )  # fmt: skip
+    return Signals(maps.drive[:, d], maps.kick[:, v], acting_sizes(plant.disturbance), acting_sizes(plant.noise))
 
 
 def acting(box: Box | None) -> list[int]:
@@ -44,13 +40,6 @@ def acting(box: Box | None) -> list[int]:
     return [j for j, (low, high) in enumerate(ends) if not low.sign() == high.sign() == 0]
 
 
-def _size(box: Box | None, j: int) -> Any:
-    assert box is not None
-    return magnitude(box.lower[j], box.upper[j])
-
-
-def magnitude(low: Exact, high: Exact) -> Any:
-    """max(|low|, |high|): a rational where both are, else a ball."""
-    if low.rational is not None and high.rational is not None:
-        return max(abs(low.scalar), abs(high.scalar))
-    return abs(low.ball()).max(abs(high.ball()))
+def acting_sizes(box: Box | None) -> tuple[Any, ...]:
+    """How large those are at most."""
+    return () if box is None else tuple(box.sizes[j] for j in acting(box))

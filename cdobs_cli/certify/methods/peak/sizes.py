@@ -39,8 +39,7 @@ def float_signals(inclusion: HybridInclusion) -> tuple[Array, Array]:
 def signal_sizes(inclusion: HybridInclusion) -> tuple[Array, Array]:
     """d0 and v0 of the signals that are not 0."""
     boxes = (inclusion.plant.disturbance, inclusion.plant.noise)
-    ends = ([(box.lower[j], box.upper[j]) for j in acting(box)] if box is not None else [] for box in boxes)
-    d0, v0 = (np.array([max(abs(float(low)), abs(float(high))) for low, high in box]) for box in ends)
+    d0, v0 = (np.array([] if box is None else [box.float_sizes[j] for j in acting(box)]) for box in boxes)
     return d0, v0
 
 

@@ -51,8 +51,7 @@ class Split:
 
     def fed(self, weights: list[Any]) -> Matrix:
         """diag(0, weights) on (x, s)."""
-        size, N = self.maps.base.shape[0], self.N
-        return Matrix.from_rows([[weights[i - N] if i == j >= N else 0 for j in range(size)] for i in range(size)])
+        return Matrix.diagonal([0] * self.N + weights)
 
     def first_vertices(self, start: Box) -> list[Matrix] | None:
         """The corners of (x, 0) just after the first sample, from errors in this box before it: the noise of that

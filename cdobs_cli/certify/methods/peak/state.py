@@ -63,4 +63,4 @@ def holds_from(texts: list[list[str]] | None, start: Box) -> bool:
 
 def before_first_sample(start: Box, i: int) -> arb:
     """max |e_i| before the first sample."""
-    return abs(start.lower[i].ball()).max(abs(start.upper[i].ball()))
+    return arb(start.sizes[i])
