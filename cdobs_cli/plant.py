@@ -244,15 +244,29 @@ class Plant:
         return self.is_disturbed or self.is_noisy
 
     @property
+    def has_bounded(self) -> bool:
+        """Whether disturbance or noise is a bounded signal; the other one may be white."""
+        return self.disturbance is not None or self.noise is not None
+
+    @property
+    def has_white(self) -> bool:
+        """Whether disturbance or noise is white; the other one may be bounded."""
+        return self.intensity is not None or self.covariance is not None
+
+    @property
+    def has_only_bounded(self) -> bool:
+        """Whether something is declared that acts on the error, and all of it is bounded."""
+        return self.has_bounded and not self.has_white
+
+    @property
+    def has_only_white(self) -> bool:
+        """Whether something is declared that acts on the error, and all of it is white."""
+        return self.has_white and not self.has_bounded
+
+    @property
     def functions(self) -> tuple[Expression, ...]:
         """What must have a value all over the domain: phi, and h where it is known."""
         return (*self.phi, *(self.h or ()))
-
-    @property
-    def has_bounded_signals(self) -> bool:
-        """Whether disturbance or noise is declared, and all that is declared is bounded."""
-        declared = self.disturbance is not None or self.noise is not None
-        return declared and self.intensity is None and self.covariance is None
 
     @property
     def output_quantities(self) -> tuple[Quantity, ...]:

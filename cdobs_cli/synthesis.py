@@ -31,8 +31,7 @@ def initial_errors(spec: Spec) -> Box | None:
     saturate = getattr(spec.observer, "saturate", None)
     if spec.simulation is None or saturate is None:
         return None
-    bounded = spec.plant.noise is not None or spec.plant.disturbance is not None
-    if not bounded and (not spec.plant.domain or saturate is True):
+    if not spec.plant.has_bounded and (not spec.plant.domain or saturate is True):
         return None
     return spec.simulation.initial_errors(spec.plant.n)
 

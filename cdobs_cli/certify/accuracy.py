@@ -17,7 +17,6 @@ from cdobs_cli.certify.methods.base import UNREADABLE, Method, Proof, Question, 
 from cdobs_cli.certify.methods.mean_square.average import Average
 from cdobs_cli.certify.methods.mean_square.every_time import EveryTime
 from cdobs_cli.certify.methods.mean_square.from_zero import MeanSquareFromZero
-from cdobs_cli.certify.methods.mean_square.signals import has_white
 from cdobs_cli.certify.methods.peak.certificate import Peak
 from cdobs_cli.certify.methods.peak.from_zero import PeakFromZero
 from cdobs_cli.exact.numbers import Exact, lower_text, upper_text
@@ -136,7 +135,7 @@ def _by_name(question: Question, items: Iterable[Item]) -> dict[str, list[Item]]
 def _reached(question: Question) -> tuple[list[Claim], dict[str, str]]:
     """How large errors become at least: claims with words that make them so, and lower ends by the bounds' names."""
     plant, claims, ends = question.plant, [], {}
-    for i, state in enumerate(plant.states if plant.has_bounded_signals else ()):
+    for i, state in enumerate(plant.states if plant.has_only_bounded else ()):
         met = attained(question.inclusion, i, question.effort)
         if met is None:
             continue
@@ -202,7 +201,7 @@ def _left(name: str) -> str:
 def _error_bounded(question: Question, bounds: dict[str, Bound]) -> Claim:
     """Proved where every state has a proved bound, of its size where what acts is bounded, else of its mean square."""
     plant = question.plant
-    names = [f"{'rms' if has_white(plant) else 'error'}.{state}" for state in plant.states]
+    names = [f"{'rms' if plant.has_white else 'error'}.{state}" for state in plant.states]
     under = f"Under {acting_text(plant)} the error stays bounded"
     law = f"sampling {question.law.words}"
     source = "cdobs, error bounds"

@@ -168,7 +168,7 @@ class _Synthesis:
             return way.quietest(question)
         # White signals have their least mean square by a convex search; of bounded ones a gain near by is better.
         size = question.inclusion.floats.base.shape[0] ** 3 * 2 ** len(question.inclusion.quantities)
-        closer = self.plant.has_bounded_signals and size <= _CLOSER[question.level]
+        closer = self.plant.has_only_bounded and size <= _CLOSER[question.level]
         return way.least_error(question, accuracy.merit(self._weights) if closer else None, self._weights, near)
 
     @cached_property

@@ -369,7 +369,7 @@ def levels(card: Card, plant: Plant, design: Design) -> list[Level]:
 
 def noisy_transients(card: Card, plant: Plant, design: Design) -> list[accuracy.Transient]:
     """How large the error becomes on the way under the declared disturbance and noise, where these are bounded."""
-    if not plant.has_bounded_signals:
+    if not plant.has_only_bounded:
         return []
     question, covering = _covering(card, plant, design)
     judged = _judged(card, question, design.certificates, lambda method: method.reach == "error bound")

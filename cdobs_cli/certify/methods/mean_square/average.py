@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from flint import arb
 
-from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
+from cdobs_cli.certify.methods.base import NOTHING, Proof, Question
 from cdobs_cli.certify.methods.clock.form import Shape
 from cdobs_cli.certify.methods.mean_square.aim import Aim
 from cdobs_cli.certify.methods.mean_square.curves import Curves
@@ -38,16 +38,16 @@ from cdobs_cli.certify.methods.mean_square.polynomial import (
     texts,
     unit_texts,
 )
-from cdobs_cli.certify.methods.mean_square.setting import EPSILONS, Setting, errors_only, padded, shape
-from cdobs_cli.certify.methods.mean_square.signals import identity_on, is_white, noise_floats, takes
-from cdobs_cli.plant import Plant
+from cdobs_cli.certify.methods.mean_square.setting import EPSILONS, Setting, padded, shape
+from cdobs_cli.certify.methods.mean_square.signals import identity_on, noise_floats, takes
+from cdobs_cli.certify.methods.mean_square.subject import MeanSquareOfAll
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
 
 
 @dataclass(frozen=True)
-class Average(Method):
+class Average(MeanSquareOfAll):
     """shape: degree d of P, elevated degree D, pieces on [0, T_min] and [T_min, T_max]; units: e_i = units_i z_i; P:
     the upper triangles of the Bernstein coefficients of z'P(tau)z. Z is the identity on the errors."""
 
@@ -58,41 +58,19 @@ class Average(Method):
     name: ClassVar[str] = "mean_square"
     rung: ClassVar[str] = "mean_square"
     source: ClassVar[str] = "clock-dependent quadratic function, adapted slopes"
-    how: ClassVar[str] = "exact Bernstein coefficients"
     statement: ClassVar[str] = (
         "e'P(tau)e pays for |e|^2 with what white noise and disturbance add, whatever slopes and periods depend on"
     )
-    reach: ClassVar[Reach] = "mean square"
-    nonlinear_outputs: ClassVar[bool] = True
-
-    def quantity(self, plant: Plant) -> str:
-        """Which bound `Proof.error` is: the root of the time average of E sum_i e_i^2."""
-        return "rms"
 
     @classmethod
     def applies(cls, question: Question) -> bool:
-        return is_white(question.plant) and takes(question)
+        return question.plant.has_only_white and takes(question)
 
     @classmethod
-    def propose(cls, question: Question) -> Self | None:
-        """For the errors of all states: where the question is about one, there is none."""
-        if question.state is not None or not cls.applies(question):
-            return None
-        n = question.plant.n
-        aim = Aim(np.eye(n), *noise_floats(question.plant), 0.0)
-        setting = Setting.of(question, errors_only(question.inclusion, np.ones(n)))
-        if setting is None:
-            return None
-        form = shape(question, setting)
-        for epsilon in EPSILONS:
-            search = AverageSearch.of(setting, form, aim, epsilon)
-            met = search.solve(question.memory)
-            if met is None:
-                continue
-            made = cls(question.law, shape_texts(form), unit_texts(setting.states), texts(met[1]))
-            if made.prove(question).holds:
-                return made
-        return None
+    def _guess(cls, question: Question, setting: Setting, form: Shape, epsilon: float) -> Self | None:
+        aim = Aim(np.eye(question.plant.n), *noise_floats(question.plant), 0.0)
+        met = AverageSearch.of(setting, form, aim, epsilon).solve(question.memory)
+        return None if met is None else cls(question.law, shape_texts(form), unit_texts(setting.states), texts(met[1]))
 
     def _prove(self, question: Question) -> Proof:
         if not self.applies(question):

@@ -105,7 +105,7 @@ def least_error(
     step. At the question's rate at least."""
     if not takes(question):
         return None
-    bounded = question.plant.has_bounded_signals
+    bounded = question.plant.has_only_bounded
     disturbed = (
         question.plant.disturbance is not None if bounded else bool(Aim.declared(question, weights, 0.0).Q.any())
     )

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 import numpy as np
 from flint import arb
 
-from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
+from cdobs_cli.certify.methods.base import NOTHING, Proof, Question
 from cdobs_cli.certify.methods.mean_square.chain_search import LAGS, Chain, Search, contraction, lags
 from cdobs_cli.certify.methods.mean_square.polynomial import (
     DIGITS,
@@ -45,14 +45,14 @@ from cdobs_cli.certify.methods.mean_square.polynomial import (
     unit_texts,
 )
 from cdobs_cli.certify.methods.mean_square.setting import EPSILONS, Setting, errors_only, shape
-from cdobs_cli.certify.methods.mean_square.signals import has_bounded, has_white, independent, takes
+from cdobs_cli.certify.methods.mean_square.signals import takes
+from cdobs_cli.certify.methods.mean_square.subject import MeanSquareOfState
 from cdobs_cli.certify.methods.mean_square.windows import Window, windows
 from cdobs_cli.certify.texts import rational
 from cdobs_cli.codec import OPTIONAL
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import decimal_text, fraction_text
-from cdobs_cli.plant import Plant
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
@@ -64,10 +64,10 @@ Prices = list[list[str]]
 
 
 @dataclass(frozen=True)
-class EveryTime(Method):
-    """state: which error, from 0; shape, units: as of the average; rho: of the tail; windows: where each ends, in
-    pieces; P: for each window the chain P_0 .. P_N. Where one signal is bounded, mu: for each window and function and
-    piece the prices of the disturbances; nu: for each window and function those of the noises."""
+class EveryTime(MeanSquareOfState):
+    """shape, units: as of the average; rho: of the tail; windows: where each ends, in pieces; P: for each window the
+    chain P_0 .. P_N. Where one signal is bounded, mu: for each window and function and piece the prices of the
+    disturbances; nu: for each window and function those of the noises."""
 
     state: str
     shape: list[str]
@@ -81,31 +81,15 @@ class EveryTime(Method):
     name: ClassVar[str] = "mean_square_at_every_time"
     rung: ClassVar[str] = "mean_square_at_every_time"
     source: ClassVar[str] = "chain of clock-dependent quadratic functions, adapted slopes"
-    how: ClassVar[str] = "exact Bernstein coefficients"
     statement: ClassVar[str] = (
         "A chain of functions e'P_k(tau)e bounds E e_i^2 at every time, for sampling instants that do not depend on "
         "noise and disturbance"
     )
-    reach: ClassVar[Reach] = "mean square"
     nonlinear_outputs: ClassVar[bool] = True
-    of_one_state: ClassVar[bool] = True
-
-    def quantity(self, plant: Plant) -> str:
-        """Which bound `Proof.error` is: the root of E e_i^2 at the worst time. Raises: ValueError, IndexError."""
-        return f"rms.{plant.states[int(self.state)]}"
-
-    def since(self, plant: Plant) -> str:
-        return independent(self.law)
 
     @classmethod
     def applies(cls, question: Question) -> bool:
-        return has_white(question.plant) and takes(question)
-
-    @classmethod
-    def each(cls, question: Question) -> list[Self]:
-        """One certificate for each state that has one."""
-        met = (cls.propose(question.of_state(i)) for i in range(question.plant.n))
-        return [one for one in met if one is not None]
+        return question.plant.has_white and takes(question)
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:
@@ -131,7 +115,7 @@ class EveryTime(Method):
 
     @classmethod
     def _of(cls, search: Search, rho: str, chains: dict[Window, Chain]) -> Self:
-        bounded, met = has_bounded(search.question.plant), chains.values()
+        bounded, met = search.question.plant.has_bounded, chains.values()
         return cls(
             search.question.law, str(search.state), shape_texts(search.form), unit_texts(search.setting.states), rho,
             [fraction_text(window.piece + window.end) for window in chains],

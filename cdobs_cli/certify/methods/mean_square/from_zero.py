@@ -21,14 +21,14 @@ from typing import ClassVar, Self
 
 from flint import arb
 
-from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
-from cdobs_cli.certify.methods.mean_square.signals import has_white, independent
+from cdobs_cli.certify.methods.base import NOTHING, Proof, Question
+from cdobs_cli.certify.methods.mean_square.subject import MeanSquareOfState
 from cdobs_cli.certify.methods.peak.from_zero import PeakFromZero
 from cdobs_cli.certify.methods.peak.signals import acting
 from cdobs_cli.certify.texts import rate_of, rationals, symmetric_from_upper
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, decimal_text
-from cdobs_cli.plant import Box, Plant
+from cdobs_cli.plant import Box
 
 # What stands for a white disturbance in the search: one whose square over T_max is so much of the intensity.
 _LIKE_WHITE = (1.0, 5.0, 0.2)
@@ -37,7 +37,7 @@ _DIGITS = 6
 
 
 @dataclass(frozen=True)
-class MeanSquareFromZero(Method):
+class MeanSquareFromZero(MeanSquareOfState):
     """As `PeakFromZero`, for signals of the sizes that noise has in mean square, without a white disturbance."""
 
     state: str
@@ -53,21 +53,11 @@ class MeanSquareFromZero(Method):
     name: ClassVar[str] = "mean_square_from_zero"
     rung: ClassVar[str] = "mean_square_from_zero"
     source: ClassVar[str] = "clock-dependent quadratic function, the noise as an input of the flow"
-    how: ClassVar[str] = "exact Bernstein coefficients"
     statement: ClassVar[str] = "e'P(tau)e bounds E e_i^2 at every time"
-    reach: ClassVar[Reach] = "mean square"
-    of_one_state: ClassVar[bool] = True
-
-    def quantity(self, plant: Plant) -> str:
-        """Which bound `Proof.error` is: the root of E e_i^2 at the worst time. Raises: ValueError, IndexError."""
-        return f"rms.{plant.states[int(self.state)]}"
-
-    def since(self, plant: Plant) -> str:
-        return independent(self.law)
 
     @classmethod
     def applies(cls, question: Question) -> bool:
-        return has_white(question.plant) and PeakFromZero.applies(_without_white(question))
+        return question.plant.has_white and PeakFromZero.applies(_without_white(question))
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:

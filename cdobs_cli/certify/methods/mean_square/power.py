@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
-from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
+from cdobs_cli.certify.methods.base import NOTHING, Proof, Question
 from cdobs_cli.certify.methods.clock.form import Shape
 from cdobs_cli.certify.methods.mean_square.curves import Curves
 from cdobs_cli.certify.methods.mean_square.driven import Driven
@@ -37,21 +37,20 @@ from cdobs_cli.certify.methods.mean_square.polynomial import (
     texts,
     unit_texts,
 )
-from cdobs_cli.certify.methods.mean_square.setting import EPSILONS, Setting, errors_only, shape
+from cdobs_cli.certify.methods.mean_square.setting import Setting, errors_only
 from cdobs_cli.certify.methods.mean_square.signals import (
-    has_bounded,
     identity_on,
     takes,
 )
+from cdobs_cli.certify.methods.mean_square.subject import MeanSquareOfAll
 from cdobs_cli.exact.numbers import decimal_text
-from cdobs_cli.plant import Plant
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
 
 
 @dataclass(frozen=True)
-class PowerGain(Method):
+class PowerGain(MeanSquareOfAll):
     """shape, units, P: as of the average; g, nu: prices of the disturbances and noises that are not 0. Z is the
     identity on the errors."""
 
@@ -64,42 +63,23 @@ class PowerGain(Method):
     name: ClassVar[str] = "power_gain"
     rung: ClassVar[str] = "power_gain"
     source: ClassVar[str] = "clock-dependent quadratic function, L2 gains"
-    how: ClassVar[str] = "exact Bernstein coefficients"
     statement: ClassVar[str] = "e'P(tau)e pays for |e|^2 with the power of disturbance and noise"
-    reach: ClassVar[Reach] = "mean square"
-    nonlinear_outputs: ClassVar[bool] = True
-
-    def quantity(self, plant: Plant) -> str:
-        """Which bound `Proof.error` is: the root of the time average of sum_i e_i^2."""
-        return "rms"
 
     @classmethod
     def applies(cls, question: Question) -> bool:
-        return has_bounded(question.plant) and takes(question)
+        return question.plant.has_bounded and takes(question)
 
     @classmethod
-    def propose(cls, question: Question) -> Self | None:
-        """For the errors of all states: where the question is about one, there is none."""
-        if question.state is not None or not cls.applies(question):
-            return None
+    def _guess(cls, question: Question, setting: Setting, form: Shape, epsilon: float) -> Self | None:
         Z = errors_only(question.inclusion, np.ones(question.plant.n))
-        setting = Setting.of(question, Z)
-        if setting is None:
+        met = PowerSearch(question, setting, form, Z, epsilon).solve()
+        if met is None:
             return None
-        form = shape(question, setting)
-        for epsilon in EPSILONS:
-            met = PowerSearch(question, setting, form, Z, epsilon).solve()
-            if met is None:
-                continue
-            P, g, nu = met
-            made = cls(
-                question.law, shape_texts(form), unit_texts(setting.states), texts(P),
-                [decimal_text(float(value), DIGITS) for value in g],
-                [decimal_text(float(value), DIGITS) for value in nu],
-            )  # fmt: skip
-            if made.prove(question).holds:
-                return made
-        return None
+        P, g, nu = met
+        return cls(
+            question.law, shape_texts(form), unit_texts(setting.states), texts(P),
+            [decimal_text(float(value), DIGITS) for value in g], [decimal_text(float(value), DIGITS) for value in nu],
+        )  # fmt: skip
 
     def _prove(self, question: Question) -> Proof:
         plant = question.plant

@@ -10,30 +10,9 @@ from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.certificate import is_small
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.plant import Plant
-from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
-
-
-def has_white(plant: Plant) -> bool:
-    """Whether noise or disturbance are white; the other one may be bounded."""
-    return plant.covariance is not None or plant.intensity is not None
-
-
-def is_white(plant: Plant) -> bool:
-    """Whether noise or disturbance are white, and neither is a bounded signal of which nothing else is known."""
-    return has_white(plant) and not has_bounded(plant)
-
-
-def has_bounded(plant: Plant) -> bool:
-    """Whether noise or disturbance are bounded signals; the other one may be white."""
-    return plant.noise is not None or plant.disturbance is not None
-
-
-def independent(law: SamplingLaw) -> str:
-    """What a bound at every time asks of the periods, where they are not all one."""
-    return "" if law.is_periodic else "where periods do not depend on noise and disturbance"
 
 
 def takes(question: Question) -> bool:

@@ -10,49 +10,36 @@ from typing import Any, ClassVar, Self
 from flint import arb
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
-from cdobs_cli.certify.methods.clock.certificate import is_small
+from cdobs_cli.certify.methods.base import NOTHING, Proof, Question
 from cdobs_cli.certify.methods.peak.chain import Chain
 from cdobs_cli.certify.methods.peak.signals import exact_signals
 from cdobs_cli.certify.methods.peak.start import first_vertices
 from cdobs_cli.certify.methods.peak.state import (
+    PeakOfState,
     before_first_sample,
-    holds_from,
     number_of,
-    quantity_of,
-    since,
     start_box,
     start_texts,
     unit,
 )
 from cdobs_cli.codec import OPTIONAL
-from cdobs_cli.plant import Box, Plant
 
 
 @dataclass(frozen=True)
-class Peak(Method):
-    """state: number of the state, from 0. chains: their windows cover all times between samples. start: the intervals
-    of the errors before the first sample, where the bound is one for all time from them."""
+class Peak(PeakOfState):
+    """chains: their windows cover all times between samples."""
 
     state: str
     chains: list[Chain]
     start: list[list[str]] | None = field(default=None, metadata={OPTIONAL: True})
 
     name: ClassVar[str] = "peak"
-    rung: ClassVar[str] = "peak"
     source: ClassVar[str] = "clock-dependent Lyapunov functions of the last intervals"
-    how: ClassVar[str] = "exact Bernstein coefficients"
-    statement: ClassVar[str] = "The error stays bounded"
-    reach: ClassVar[Reach] = "error bound"
     nonlinear_outputs: ClassVar[bool] = True
-    of_one_state: ClassVar[bool] = True
 
     @classmethod
     def applies(cls, question: Question) -> bool:
-        law, inclusion = question.law, question.inclusion
-        if inclusion.assemble_noise is None or not question.plant.has_bounded_signals or not is_small(inclusion):
-            return False
-        return law.is_bounded and law.T_min.sign() == 1
+        return cls.takes(question) and question.law.T_min.sign() == 1
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:
@@ -90,16 +77,6 @@ class Peak(Method):
             largest = largest.max(squared)
         error = largest.sqrt()
         return Proof(True, error=error if start is None else error.max(before_first_sample(start, i)))
-
-    def quantity(self, plant: Plant) -> str:
-        """The name of the bound."""
-        return quantity_of(self.state, self.start, plant)
-
-    def since(self, plant: Plant) -> str:
-        return since(self.start, plant)
-
-    def holds_from(self, start: Box) -> bool:
-        return holds_from(self.start, start)
 
     def certificate(self, gain: Any = None) -> Certificate:
         written = super().certificate(gain)

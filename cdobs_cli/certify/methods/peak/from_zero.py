@@ -36,8 +36,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 from flint import arb
 
 from cdobs_cli.certify.definite import has_positive_pivots
-from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
-from cdobs_cli.certify.methods.clock.certificate import is_small, split_basis
+from cdobs_cli.certify.methods.base import NOTHING, Proof, Question
+from cdobs_cli.certify.methods.clock.certificate import split_basis
 from cdobs_cli.certify.methods.clock.form import (
     Shape,
     flow_coefficients,
@@ -47,11 +47,9 @@ from cdobs_cli.certify.methods.peak.chain import is_well_cut, scalars, weighted
 from cdobs_cli.certify.methods.peak.form import flow_block, target_block
 from cdobs_cli.certify.methods.peak.split import Split, split_error
 from cdobs_cli.certify.methods.peak.state import (
+    PeakOfState,
     before_first_sample,
-    holds_from,
     number_of,
-    quantity_of,
-    since,
     start_box,
     start_texts,
 )
@@ -59,7 +57,6 @@ from cdobs_cli.certify.texts import rate_of, rationals, symmetric_from_upper
 from cdobs_cli.codec import OPTIONAL
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import decimal_text, fraction_text
-from cdobs_cli.plant import Box, Plant
 
 if TYPE_CHECKING:
     from cdobs_cli.certify.methods.peak.from_zero_search import Found
@@ -69,11 +66,9 @@ _WIDE = 2.5  # T_max over T_min from which on this method is asked
 
 
 @dataclass(frozen=True)
-class PeakFromZero(Method):
-    """state: number of the state, from 0. degree d of P and elevated degree D of the inequalities; pieces on [0, T_min]
-    and on [T_min, T_max]; sigma; basis: S in e = S y; P: upper triangles of the Bernstein coefficients; mu: by piece
-    (mu_s, mu_d). start: the intervals of the errors before the first sample, where the bound is one for all time from
-    them."""
+class PeakFromZero(PeakOfState):
+    """degree d of P and elevated degree D of the inequalities; pieces on [0, T_min] and on [T_min, T_max]; sigma;
+    basis: S in e = S y; P: upper triangles of the Bernstein coefficients; mu: by piece (mu_s, mu_d)."""
 
     state: str
     degree: str
@@ -87,20 +82,11 @@ class PeakFromZero(Method):
     start: list[list[str]] | None = field(default=None, metadata={OPTIONAL: True})
 
     name: ClassVar[str] = "peak_from_zero"
-    rung: ClassVar[str] = "peak"
     source: ClassVar[str] = "clock-dependent Lyapunov function, the noise as an input of the flow"
-    how: ClassVar[str] = "exact Bernstein coefficients"
-    statement: ClassVar[str] = "The error stays bounded"
-    reach: ClassVar[Reach] = "error bound"
-    of_one_state: ClassVar[bool] = True
-    nonlinear_outputs: ClassVar[bool] = False
 
     @classmethod
     def applies(cls, question: Question) -> bool:
-        law, inclusion = question.law, question.inclusion
-        if inclusion.assemble_noise is None or not question.plant.has_bounded_signals or not is_small(inclusion):
-            return False
-        return law.is_bounded and not law.is_periodic and not inclusion.outputs
+        return cls.takes(question) and not question.law.is_periodic and not question.inclusion.outputs
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:
@@ -144,15 +130,6 @@ class PeakFromZero(Method):
     @cached_property
     def shape(self) -> Shape:
         return Shape(int(self.degree), int(self.elevated), int(self.pieces[0]), int(self.pieces[1]))
-
-    def quantity(self, plant: Plant) -> str:
-        return quantity_of(self.state, self.start, plant)
-
-    def since(self, plant: Plant) -> str:
-        return since(self.start, plant)
-
-    def holds_from(self, start: Box) -> bool:
-        return holds_from(self.start, start)
 
     def _prove(self, question: Question) -> Proof:
         law, shape, sigma = self.law, self.shape, Matrix.from_rows([[rate_of(self.sigma)]])[0, 0]
