@@ -121,15 +121,23 @@ def _together(spec: Spec, effort: int) -> Design | None:
     if initial_errors(spec) is None:
         return _design_over(spec.plant.widened(_part_of_domain(spec.plant)), spec, effort, together=True)
     # How wide a margin is needed, and whether one serves, is seen with little effort.
-    design = _design_over(spec.plant, spec, 0, together=True)
+    region, taken = spec.plant, 0
+    design = _design_over(region, spec, taken, together=True)
     if design.outcome == "none" and effort:
-        design = _design_over(spec.plant, spec, effort, together=True)
+        taken = effort
+        design = _design_over(region, spec, taken, together=True)
     if design.outcome == "none":
         return design
-    margin = {} if _serves(design) else _margin_needed(spec, design)
-    region = spec.plant.widened(margin)
-    served = _serves(design) or (bool(margin) and _serves(_design_over(region, spec, 0, together=True)))
-    return _design_over(region, spec, effort, together=True) if served else design
+    if not _serves(design):
+        margin = _margin_needed(spec, design)
+        if not margin:
+            return design
+        region, taken = spec.plant.widened(margin), 0
+        wider = _design_over(region, spec, taken, together=True)
+        if not _serves(wider):
+            return design
+        design = wider
+    return design if taken == effort else _design_over(region, spec, effort, together=True)
 
 
 def _part_of_domain(plant: Plant) -> dict[str, Exact]:
@@ -209,10 +217,12 @@ def certify(spec: Spec, design: Design, effort: int) -> Check:
         return Check((convergence, *unbounded_claims(resolve(spec.plant)[0])))
     proved, premises = family.certify(plant, design, effort), slope_claims(plant)
     if plant.domain and design.outcome != "none":
-        transients = (*family.noisy_transients(plant, design), *family.transients(plant, design))
-        premises += (confinement_claim(plant, design.estimate, transients),)
+        within = design.estimate.way == "margin"  # the other ways ask for no transient
+        noisy = tuple(family.noisy_transients(plant, design)) if within else ()
+        free = tuple(family.transients(plant, design)) if within else ()
+        premises += (confinement_claim(plant, design.estimate, (*noisy, *free)),)
         if plant.is_perturbed:
-            premises += (noisy_confinement_claim(plant, design.estimate, family.noisy_transients(plant, design)),)
+            premises += (noisy_confinement_claim(plant, design.estimate, noisy),)
     if spec.coordinates is not None:
         premises = spec.coordinates.premises(premises)
     domain = spec.typed.domain if spec.typed else plant.domain

@@ -39,12 +39,12 @@ class Sized:
     method: Method
 
 
-def sized(question: Question) -> list[Sized]:
-    """Of a gain under its law: of every name that its methods bound the least bound. Uses the solver."""
+def sized(question: Question, methods: Sequence[type[Method]] = METHODS) -> list[Sized]:
+    """Of a gain under its law: of every name that these methods bound the least bound. Uses the solver."""
     if not question.plant.is_perturbed or question.inclusion.assemble_noise is None:
         return []
     least: dict[str, Sized] = {}
-    for method, about in _asked(question.afresh()):
+    for method, about in _asked(question.afresh(), methods):
         proposal = method.propose(about)
         if proposal is None:
             continue
@@ -52,6 +52,21 @@ def sized(question: Question) -> list[Sized]:
         if error is not None and (name not in least or error < least[name].error):
             least[name] = Sized(name, error, proposal)
     return list(least.values())
+
+
+def of_states(question: Question) -> dict[str, arb]:
+    """The least bound of each state's error that has one, by the states' names. Uses the solver."""
+    return by_state(sized(question, [method for method in METHODS if method.of_one_state]))
+
+
+def by_state(sizes: Iterable[Sized]) -> dict[str, arb]:
+    """The bounds that are about one state, by its name."""
+    return {one.name.partition(".")[2]: one.error for one in sizes if "." in one.name}
+
+
+def from_start(question: Question) -> list[Sized]:
+    """The least bounds for all time from the question's start. Uses the solver."""
+    return sized(question, [method for method in METHODS if method.reach == "error bound"])
 
 
 def merit(weights: Sequence[float]) -> Merit:
@@ -74,9 +89,9 @@ def merit(weights: Sequence[float]) -> Merit:
     return of
 
 
-def _asked(question: Question) -> Iterator[tuple[type[Method], Question]]:
+def _asked(question: Question, methods: Iterable[type[Method]]) -> Iterator[tuple[type[Method], Question]]:
     """Every method with what it is asked: about each state, or about all of them."""
-    for method in METHODS:
+    for method in methods:
         if method.applies(question):
             states = range(question.plant.n) if method.of_one_state else ()
             yield from ((method, question.of_state(i)) for i in states)

@@ -37,11 +37,17 @@ def has_positive_pivots(M: Matrix) -> bool:
         pivot = rows[k][k]
         if not pivot > 0:
             return False
-        for i in range(k + 1, size):
-            factor = rows[i][k] / pivot
-            for j in range(k + 1, i + 1):
-                rows[i][j] = rows[i][j] - factor * rows[j][k]
+        _eliminate(rows, k)
     return True
+
+
+def _eliminate(rows: list[list[Any]], k: int) -> None:
+    """One step of LDL' on the lower triangle, in place."""
+    pivot = rows[k][k]
+    for i in range(k + 1, len(rows)):
+        factor = rows[i][k] / pivot
+        for j in range(k + 1, i + 1):
+            rows[i][j] = rows[i][j] - factor * rows[j][k]
 
 
 def is_semidefinite(M: Matrix) -> bool | None:
@@ -59,10 +65,7 @@ def is_semidefinite(M: Matrix) -> bool | None:
             continue
         if not pivot > 0:
             return None
-        for i in range(k + 1, size):
-            factor = rows[i][k] / pivot
-            for j in range(k + 1, i + 1):
-                rows[i][j] = rows[i][j] - factor * rows[j][k]
+        _eliminate(rows, k)
     return True
 
 

@@ -12,6 +12,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
+from flint import arb
 
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify import accuracy, judge, search
@@ -31,7 +32,7 @@ from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
 
 _COARSE = Fraction(1, 20)
-# N^3 times corners up to which a gain of less error is looked for near by, by effort.
+# `Question.work` up to which a gain of less error is looked for near by, by effort.
 _CLOSER = (0, 200, 1_000, 10_000)
 
 
@@ -167,8 +168,7 @@ class _Synthesis:
         if not self.plant.is_perturbed:
             return way.quietest(question)
         # White signals have their least mean square by a convex search; of bounded ones a gain near by is better.
-        size = question.inclusion.floats.base.shape[0] ** 3 * 2 ** len(question.inclusion.quantities)
-        closer = self.plant.has_only_bounded and size <= _CLOSER[question.level]
+        closer = self.plant.has_only_bounded and question.work <= _CLOSER[question.level]
         return way.least_error(question, accuracy.merit(self._weights) if closer else None, self._weights, near)
 
     @cached_property
@@ -187,13 +187,12 @@ class _Synthesis:
             if candidate is None:
                 return None
             about = self.asked.at(T).with_gain({self.card.letter: candidate.gain})
-            return None if self._exceeded(accuracy.sized(about)) else replace(candidate, merit=float(T))
+            return None if self._exceeded(accuracy.of_states(about)) else replace(candidate, merit=float(T))
 
         return search.longest(within, self.plant.sampling.T_max, search.tolerance(self.question.effort))
 
-    def _exceeded(self, sizes: Iterable[accuracy.Sized]) -> str | None:
-        """What is above `error_at_most`, or not proved; None where nothing is."""
-        proved = {sized.name.partition(".")[2]: sized.error for sized in sizes if "." in sized.name}
+    def _exceeded(self, proved: Mapping[str, arb]) -> str | None:
+        """What is above `error_at_most`, or not proved, by the bounds of the states' errors; None where nothing is."""
         told = []
         for state, most in (self.card.error_at_most or {}).items():
             least = proved.get(state)
@@ -299,7 +298,7 @@ class _Synthesis:
         sizes = accuracy.sized(question)
         certificates = (*design.certificates, *(sized.method.certificate() for sized in sizes))
         design = replace(design, certificates=certificates)
-        exceeded = self._exceeded(sizes) if self.given is None else None
+        exceeded = self._exceeded(accuracy.by_state(sizes)) if self.given is None else None
         if exceeded is not None:
             reason = exceeded if design.reason is None else f"{design.reason}; {exceeded}"
             design = replace(design, outcome="short", reason=reason)

@@ -18,7 +18,7 @@ from cdobs_cli.sampling import SamplingLaw
 # Periods looked at, in parts of the law's own; those beyond it up to the first that gives no gain.
 _SHORTER = (0.35, 0.7)
 _LONGER = (1.4, 2.0, 2.8, 4.0)
-_LARGEST = 110  # N^3 times corners: beyond that the points take too long
+_LARGEST = 110  # `Question.work`: beyond that the points take too long
 _DIGITS = 6
 
 
@@ -56,8 +56,8 @@ def front(
         question: under the design's law; every point is looked at with little effort, this design's too.
         find: a gain for a question's law; own: the design's.
     """
-    law, size = question.law, question.inclusion.floats.base.shape[0]
-    if size**3 * 2 ** len(question.inclusion.quantities) > _LARGEST:
+    law = question.law
+    if question.work > _LARGEST:
         return ()
     points: list[Point] = []
     for share in _SHORTER:
@@ -98,8 +98,7 @@ def _found(question: Question, letter: str, find: Callable[[Question], Candidate
 def _point(question: Question, letter: str, candidate: Candidate) -> Point:
     about = question.with_gain({letter: candidate.gain})
     rate = None if candidate.method is None else _rate(candidate.method, about)
-    states = {one.name.partition(".")[2]: one.error for one in accuracy.sized(about) if "." in one.name}
-    return Point(question.law, candidate.gain, rate, states)
+    return Point(question.law, candidate.gain, rate, accuracy.of_states(about))
 
 
 def _rate(method: Method, question: Question) -> arb | None:

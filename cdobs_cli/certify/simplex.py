@@ -1,4 +1,4 @@
-"""Nelder and Mead's simplex: a search without derivatives, within a budget of values.
+"""A search without derivatives, within a budget of values, past walls where there is none.
 
 Source: Nelder1965
 """
@@ -6,6 +6,7 @@ Source: Nelder1965
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import inf, isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +14,6 @@ import numpy as np
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
 
-_REFLECT, _EXPAND, _CONTRACT, _SHRINK = 1.0, 2.0, 0.5, 0.5
 _WIDTH = 1e-4
 
 
@@ -23,47 +23,25 @@ def smallest(
     """The point of the least value met, and the value; infinite values are walls.
 
     steps: of the first simplex along each axis, shape (k,). Ends within `budget` values, or where those of the simplex
-    differ by the relative width.
+    differ by the width, relative to the value at the start.
     """
-    left = [budget]
+    from scipy.optimize import minimize
+
+    met: dict[tuple[float, ...], float] = {}
 
     def asked(point: Array) -> float:
-        left[0] -= 1
-        met = value(point)
-        return met if np.isfinite(met) else np.inf
+        key = tuple(map(float, point))
+        if key not in met:
+            met[key] = value(np.array(key))
+        return met[key]
 
-    points = [np.array(start, dtype=float)]
-    points += [points[0] + step * row for step, row in zip(steps, np.eye(len(points[0])), strict=True)]
-    values = [asked(point) for point in points[: max(budget, 1)]]
-    points = points[: len(values)]
-    while left[0] > 0 and len(values) > 1:
-        order = np.argsort(values, kind="stable")
-        points, values = [points[k] for k in order], [values[k] for k in order]
-        if values[-1] - values[0] <= width * abs(values[0]):
-            break
-        centre = np.mean(points[:-1], axis=0)
-
-        def along(step: float, centre: Array = centre, worst: Array = points[-1]) -> tuple[Array, float]:
-            point = centre + step * (centre - worst)
-            return point, asked(point)
-
-        point, met = along(_REFLECT)
-        if met < values[0] and left[0] > 0:
-            further = along(_EXPAND)
-            point, met = further if further[1] < met else (point, met)
-        elif met >= values[-2] and left[0] > 0:
-            nearer = along(_CONTRACT if met < values[-1] else -_CONTRACT)
-            if nearer[1] < min(met, values[-1]):
-                point, met = nearer
-            elif met >= values[-1]:
-                for k in range(1, len(points)):
-                    if left[0] > 0:
-                        points[k] = points[0] + _SHRINK * (points[k] - points[0])
-                        values[k] = asked(points[k])
-                continue
-        if met < values[-1]:
-            points[-1], values[-1] = point, met
-        else:
-            break
-    best = int(np.argmin(values))
-    return points[best], values[best]
+    first = asked(start)
+    simplex = np.vstack([start, start + np.diag(steps)])
+    tolerance = width * abs(first) if isfinite(first) else 0.0
+    with np.errstate(invalid="ignore"):  # the difference of two walls
+        minimize(
+            asked, start, method="Nelder-Mead",
+            options={"initial_simplex": simplex, "maxfev": budget, "fatol": tolerance, "xatol": inf},
+        )  # fmt: skip
+    point, least = min(met.items(), key=lambda one: one[1])
+    return np.array(point), least

@@ -191,10 +191,10 @@ class ConstantGain(Family):
         return finished(self, plant, design, effort)
 
     def bounds_from(self, plant: Plant, design: Design, start: Box, effort: int) -> Sequence[Certificate]:
-        from cdobs_cli.certify.accuracy import sized
+        from cdobs_cli.certify.accuracy import from_start
 
         question = self.question(replace(plant, sampling=design.sampling), design.gain, effort)
-        return tuple(one.method.certificate() for one in sized(question.started(start)))
+        return tuple(one.method.certificate() for one in from_start(question.started(start)))
 
     def confine(self, plant: Plant, design: Design, start: Box | None) -> Confinement:
         """A margin that holds under the declared disturbance and noise comes before one that holds without them, and so

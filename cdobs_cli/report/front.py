@@ -34,7 +34,9 @@ def front_charts(design: Design, states: Sequence[str]) -> Iterator[Chart]:
             if at is not None:
                 series.append(Series("knee", [periods[at]], [0.0], "mark", "other"))
             panels.append(Panel("period (s)", f"error of {axis_name(name)}", tuple(series)))
-        caption = f"The least proved error against the {law}, each point with a gain of its own."
+        caption = (
+            f"The least proved error against the {law}, each point with a gain of its own, for the slopes claimed."
+        )
         if at is not None:
             caption += f" Up to the knee at {periods[at]:.4g} fewer samples cost little; beyond it they cost much."
         yield Chart("period_error", "Period against error", caption, tuple(panels))
@@ -72,7 +74,10 @@ def front_table(design: Design, states: Sequence[str]) -> Table | None:
         rate = [end_text(point.rate, _DIGITS, up=False)] if with_rate else []
         errors = (end_text(point.error.get(name), _DIGITS, up=True) for name in named)
         rows.append((point.period, *rate, *errors, _gain_text(point)))
-    caption = "Each point was proved when it was found; `check` proves this design at its law again."
+    caption = (
+        "Each point was proved when it was found, for the slopes claimed: that the estimate stays where they hold is "
+        "shown of this design, which `check` proves at its law again."
+    )
     return Table("front", "Other periods", caption, (*columns, "gain"), tuple(rows))
 
 

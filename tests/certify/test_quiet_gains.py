@@ -29,9 +29,9 @@ from cdobs_cli.certify.methods.clock.certificate import design_impulsive
 from cdobs_cli.certify.methods.clock.design import ImpulsiveGain
 from cdobs_cli.certify.methods.mean_square.aim import Aim, scales
 from cdobs_cli.certify.methods.mean_square.average import Average, amplification
-from cdobs_cli.certify.methods.mean_square.design import capped_rate, fastest_rate, kept_rates
 from cdobs_cli.certify.methods.mean_square.power import PowerGain
-from cdobs_cli.certify.methods.peak_synthesis import best_gain
+from cdobs_cli.certify.methods.peak.synthesis import best_gain
+from cdobs_cli.certify.methods.quiet_gains import capped_rate, fastest_rate, kept_rates
 from cdobs_cli.certify.methods.rung import GENERAL
 from cdobs_cli.certify.simplex import smallest
 from cdobs_cli.exact.numbers import Exact, ExactMatrix

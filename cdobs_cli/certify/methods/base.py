@@ -66,6 +66,12 @@ class Question:
         """The effort, within the schedule."""
         return max(0, min(self.effort, 3))
 
+    @property
+    def work(self) -> int:
+        """About what one search for a quadratic function takes: N^3 times the corners of the slopes."""
+        N: int = self.inclusion.floats.base.shape[0]
+        return N**3 << len(self.inclusion.quantities)
+
     def gain(self, letter: str) -> ExactMatrix:
         """A gain by its paper letter. Raises: KeyError."""
         matrix: ExactMatrix = self.inclusion.gain[letter]

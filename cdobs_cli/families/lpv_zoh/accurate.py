@@ -12,7 +12,7 @@ from cdobs_cli.certify.gains import Candidate, Merit
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.mean_square.aim import Aim
 from cdobs_cli.certify.methods.mean_square.average import amplification
-from cdobs_cli.certify.methods.mean_square.design import (
+from cdobs_cli.certify.methods.quiet_gains import (
     away_from_zero,
     capped_rate,
     descended,

@@ -14,7 +14,7 @@ from cdobs_cli.certify.gains import Candidate, GainSearch, Merit
 from cdobs_cli.certify.kernel import kernel
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.clock.certificate import design_impulsive
-from cdobs_cli.certify.methods.mean_square.design import least_error, quietest
+from cdobs_cli.certify.methods.quiet_gains import least_error, quietest
 from cdobs_cli.certify.methods.rung import GENERAL, fastest
 from cdobs_cli.exact.numbers import ExactMatrix
 

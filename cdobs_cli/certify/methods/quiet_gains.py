@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from math import inf, log
 from typing import TYPE_CHECKING
@@ -12,11 +13,11 @@ import numpy as np
 from cdobs_cli.certify.floats import exponentials, spectral_radii
 from cdobs_cli.certify.gains import Candidate, Merit
 from cdobs_cli.certify.kernel import kernel
-from cdobs_cli.certify.methods import peak_synthesis
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.certificate import GAIN_DIGITS, design_impulsive, is_small
-from cdobs_cli.certify.methods.mean_square import synthesis
+from cdobs_cli.certify.methods.mean_square import synthesis as mean_square
 from cdobs_cli.certify.methods.mean_square.aim import Aim, weights_of
+from cdobs_cli.certify.methods.peak import synthesis as peak
 from cdobs_cli.certify.methods.rung import GENERAL, Rung
 from cdobs_cli.certify.search import short
 from cdobs_cli.certify.simplex import smallest
@@ -125,7 +126,7 @@ def _least_mean_square(question: Question, weights: Sequence[float] | None, sigm
 
 def _least_bounds(question: Question, weights: Sequence[float] | None, sigma: Fraction) -> Candidate | None:
     Z = np.diag(weights_of(question, weights))
-    guess = peak_synthesis.best_gain(away_from_zero(question).afresh(), Z, float(sigma))
+    guess = peak.best_gain(away_from_zero(question).afresh(), Z, float(sigma))
     if guess is None:
         return None
     return proved(question, "K", corrected(question, guess.K), -float(np.sqrt(guess.size)), GENERAL, sigma)
@@ -134,7 +135,7 @@ def _least_bounds(question: Question, weights: Sequence[float] | None, sigma: Fr
 def _designed(question: Question, aim: Aim, sigma: Fraction) -> Candidate | None:
     """The gain that is best for the aim, rounded, and proved at a rate of about sigma; its merit is minus the aim's
     root mean square."""
-    met = synthesis.best_gain(away_from_zero(question).afresh(), aim)
+    met = mean_square.best_gain(away_from_zero(question).afresh(), aim)
     return None if met is None else proved(question, "K", corrected(question, met[0]), -met[1], GENERAL, sigma)
 
 
@@ -178,9 +179,10 @@ def descended(
     if least == inf:
         return start
     candidate = proved(question, letter, round_off(entries), -least, rung, rate)
+    if candidate is not None:
+        return candidate
     at_start = of(first)
-    kept = start if at_start == inf else Candidate(start.gain, start.law, -at_start, start.method)
-    return candidate if candidate is not None else kept
+    return start if at_start == inf else replace(start, merit=-at_start)
 
 
 def _may_decay(question: Question, rate: Fraction) -> bool:
