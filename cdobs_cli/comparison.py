@@ -45,7 +45,7 @@ class NoFilterError(ValueError):
 def compared(run: Run, system: HybridSystem, plan: SimulationPlan, law: SamplingLaw) -> Run:
     """A run with the comparison beside it; as it is where nothing is declared or the observer has no x_hat."""
     plant = system.plant
-    if not (plant.is_noisy or plant.is_disturbed) or "x_hat" not in system.observer.estimates:
+    if not plant.is_perturbed or "x_hat" not in system.observer.estimates:
         return run
     try:
         runs = _together(run, system, plan, law)

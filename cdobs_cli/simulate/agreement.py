@@ -34,7 +34,7 @@ def _is_compared(run: Run, system: HybridSystem) -> bool:
     """Whether there is a comparison where one belongs, and it says no better of observer and filter than run 0 shows:
     the mean square over the runs is at least its share."""
     plant, told, filtered = system.plant, run.comparison, run.filtered
-    declared = plant.is_noisy or plant.is_disturbed
+    declared = plant.is_perturbed
     if not (declared and "x_hat" in system.observer.estimates):
         return told is None and filtered is None
     if told is None or told.seeds < 1 or not told.states.keys() <= set(plant.states):

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from cdobs_cli.certify.blocks import BlockProgram, full_basis, symmetric_basis, triangle
+from cdobs_cli.certify.blocks import BlockProgram
+from cdobs_cli.certify.svec import full_basis, svec, symmetric_basis
 
 
 def test_stacks_of_blocks_are_the_inequalities_that_they_say():
@@ -26,5 +27,5 @@ def test_stacks_of_blocks_are_the_inequalities_that_they_say():
 
 def test_bases_are_orthonormal_in_the_order_of_the_solver():
     basis = symmetric_basis(3)
-    assert np.allclose(triangle(basis), np.eye(6))
+    assert np.allclose(svec(basis), np.eye(6))
     assert np.array_equal(full_basis(2, 3).sum(axis=0), np.ones((2, 3)))

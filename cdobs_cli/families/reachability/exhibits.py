@@ -68,7 +68,7 @@ def _lyapunov(plant: Plant, design: Design, certificate: ReachableSet, run: Run)
         Series("proved bound", t[keep], bound[keep], "line", "proved"),
     )
     caption = "V = e'Pe just after each jump, and the proved bound rho^(2k) from its first value."
-    if plant.is_disturbed or plant.is_noisy:
+    if plant.is_perturbed:
         caption += " The bound holds without disturbance and noise."
     return [Chart("lyapunov", "Lyapunov function at the samples", caption, (Panel("t", "V", series, "log"),))]
 
