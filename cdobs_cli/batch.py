@@ -17,22 +17,24 @@ from cdobs_cli.errors import INTERRUPTED, CdobsError, ExitCode, Problem, SpecErr
 from cdobs_cli.exact.budget import WorkError
 from cdobs_cli.outcome import Job, Message, Result, ResultStatus, exit_code, failure, judged, readable
 from cdobs_cli.printable import lines
+from cdobs_cli.progress import stage, watched
 
 if TYPE_CHECKING:
-    from cdobs_cli.console import Console
+    from cdobs_cli.console import Console, Follow
     from cdobs_cli.pipeline import Work
     from cdobs_cli.report.index import IndexEntry
     from cdobs_cli.report.model import Report
     from cdobs_cli.spec.model import Spec
 
-Tell = Callable[[Result], None]
+Tell = Callable[[Result | str], None]
+_FOR_SEARCHES = 0.75  # of a time limit: after it searches end with what they have, so that it can be proved and told
 SPEC_SUFFIXES = (".yaml", ".yml")
 PLANT_SUFFIXES = (".plant.yaml", ".plant.yml")
 
 
 @dataclass(frozen=True)
 class Settings:
-    """The common options of the commands."""
+    """The common options of the commands; followed: whether somebody watches what is being done."""
 
     out: Path = Path("results")
     effort: int = 1
@@ -41,6 +43,8 @@ class Settings:
     jobs: int = 1
     time_limit: float | None = None
     witness: str | None = None
+    no_report: bool = False
+    followed: bool = False
 
 
 def jobs(paths: Iterable[Path], out: Path, *, writing: bool = True) -> list[Job]:
@@ -86,13 +90,13 @@ def _below(top: Path, out: Path) -> list[Job]:
 def run(job: Job, stages: tuple[str, ...], settings: Settings, tell: Tell | None = None) -> Result:
     """Carry out the stages on one spec. Every failure becomes a Result; only KeyboardInterrupt passes.
 
-    With a time limit, what is known before each stage is given to `tell`.
+    With a time limit, what is known before each stage is given to `tell`; where it is followed, what is being done.
     """
     start = time.perf_counter()
     try:
         if job.refused is not None:
             raise UsageError(job.refused)
-        result = _run(job, stages, settings, None if settings.time_limit is None else tell)
+        result = _run(job, stages, settings, tell)
     except Exception as error:
         result = _ended_by(error, str(job.spec), settings)
     return replace(result, seconds=time.perf_counter() - start)
@@ -125,16 +129,19 @@ def _run(job: Job, stages: tuple[str, ...], settings: Settings, tell: Tell | Non
 
     store = Store(job.folder)
     store.open()
-    work = pipeline.Work(spec, store, settings.effort, frozenset(stages) if settings.force else frozenset())
+    forced = frozenset(stages) if settings.force else frozenset()
+    work = pipeline.Work(spec, store, settings.effort, forced, draws=not settings.no_report)
+    limit = settings.time_limit
     try:
-        for number, stage in enumerate(stages, start=1):
-            if tell is not None:
-                tell(_known(work, job, stages[: number - 1], settings, stages[number - 1 :]))
-            # The stages are the functions of their names.
-            getattr(pipeline, stage)(work, *((settings.witness,) if stage == "replay" else ()))
+        with watched(tell if settings.followed else None, None if limit is None else limit * _FOR_SEARCHES) as watch:
+            for number, name in enumerate(stages, start=1):
+                if tell is not None and limit is not None:
+                    tell(_known(work, job, stages[: number - 1], settings, stages[number - 1 :]))
+                with stage(name):  # they are the functions of their names
+                    getattr(pipeline, name)(work, *((settings.witness,) if name == "replay" else ()))
     except SpecError as error:  # what only a run can see, e.g. a signal that leaves its interval
         raise SpecError(tuple(_placed(problem, spec) for problem in error.problems)) from error
-    return _known(work, job, stages, settings)
+    return replace(_known(work, job, stages, settings), stages=watch.stages)
 
 
 def _known(work: Work, job: Job, stages: tuple[str, ...], settings: Settings, waiting: tuple[str, ...] = ()) -> Result:
@@ -193,9 +200,10 @@ def carry_out(
     todo = jobs(paths, settings.out, writing=bool(stages))
     results: dict[int, Result] = {}
     interrupted = False
-    with console.following([str(job.spec) for job in todo]) as follow:
+    with console.following([str(job.spec) for job in todo], briefly=not stages) as follow:
+        settings = replace(settings, followed=follow.live is not None)
         try:
-            with closing(_each(todo, stages, settings, follow.started)) as ended:
+            with closing(_each(todo, stages, settings, follow)) as ended:
                 for number, result in ended:
                     results[number] = result
                     follow.ended(number, result)
@@ -216,7 +224,7 @@ def carry_out(
 
 
 def _each(
-    todo: list[Job], stages: tuple[str, ...], settings: Settings, started: Callable[[int], None]
+    todo: list[Job], stages: tuple[str, ...], settings: Settings, follow: Follow
 ) -> Generator[tuple[int, Result], None, None]:
     if stages or settings.time_limit is not None:
         # What every worker needs is loaded once, before they part.
@@ -225,10 +233,12 @@ def _each(
         from cdobs_cli.isolation import each_isolated
 
         call, limit = partial(run, stages=stages, settings=settings), settings.time_limit
-        yield from each_isolated(todo, call, workers=settings.jobs, time_limit=limit, started=started)
+        yield from each_isolated(
+            todo, call, workers=settings.jobs, time_limit=limit, started=follow.started, heard=follow.heard
+        )
         return
     for number, job in enumerate(todo):
-        started(number)
+        follow.started(number)
         yield number, run(job, stages, settings)
 
 

@@ -93,12 +93,16 @@ class Certificate(Noun):
 
 @dataclass(frozen=True)
 class Check(Artefact):
-    """All claims and bounds of one spec with one design. time_unit: the label of the bounds' time, empty for `s`."""
+    """All claims and bounds of one spec with one design. time_unit: the label of the bounds' time, empty for `s`.
+
+    envelope: `factor` and `rate` of |e(t)| <= factor |e(0)| exp(-rate t), decimal strings, where one is proved.
+    """
 
     claims: tuple[Claim, ...]
     bounds: dict[str, Bound] = field(default_factory=dict)
     digests: dict[str, str] = field(default_factory=dict)
     time_unit: str = field(default="", metadata={OPTIONAL: True})
+    envelope: dict[str, str] = field(default_factory=dict, metadata={OPTIONAL: True})
 
     @property
     def verdict(self) -> Status:
@@ -127,4 +131,8 @@ class Check(Artefact):
             for end in (bound.proved, bound.refuted):
                 if end is not None and end.removeprefix("-") != "inf":
                     Exact(end)
+        if check.envelope and not check.envelope.keys() == {"factor", "rate"}:
+            raise ValueError("an envelope has a factor and a rate")
+        for text in check.envelope.values():
+            Exact(text)
         return check

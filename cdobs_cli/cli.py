@@ -151,9 +151,11 @@ def report() -> Stages:
 
 
 @_about_specs("run")
-def run_all() -> Stages:
+def run_all(
+    no_report: Annotated[bool, typer.Option("--no-report", help="Leave figures and pages out.")] = False,
+) -> Stages:
     """Carry out all stages in order."""
-    return STAGES
+    return tuple(stage for stage in STAGES if not (no_report and stage == "report"))
 
 
 @app.command()

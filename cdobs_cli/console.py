@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -64,11 +65,11 @@ class Console:
             import_module(f"cdobs_cli.formats.{self.format}")  # while there are descriptors left to load it
 
     @contextmanager
-    def following(self, specs: list[str]) -> Iterator[Follow]:
+    def following(self, specs: list[str], *, briefly: bool = False) -> Iterator[Follow]:
         """Follow a batch: a live table on terminals, one line a spec in logs. What a live table held back
-        is shown when the block ends, however it ends."""
+        is shown when the block ends, however it ends. briefly: a single spec is no work to be followed."""
         follow = Follow(self, specs)
-        if not _is_terminal(sys.stderr) or self.quiet or len(specs) < 2:
+        if not _is_terminal(sys.stderr) or self.quiet or (briefly and len(specs) < 2):
             yield follow
             return
         try:
@@ -94,6 +95,9 @@ class Console:
                     say(f"  {self._coloured(line(told))}")
         elif several:
             say(self._line(result, sys.stderr, headline=True), aside=True)
+        if self.verbose and result.stages:
+            times = ", ".join(f"{name} {seconds:.2f} s" for name, seconds in result.stages.items())
+            say(f"  {times}", aside=True)
 
     def warn(self, text: str) -> None:
         """Something about the whole command."""
@@ -130,12 +134,17 @@ class Follow:
     console: Console
     specs: list[str]
     live: Live | None = None
-    _running: dict[int, None] = field(default_factory=dict)
+    _running: dict[int, tuple[float, str]] = field(default_factory=dict)
     _ended: dict[int, Result] = field(default_factory=dict)
     _shown: int = 0
 
     def started(self, number: int) -> None:
-        self._running[number] = None
+        self._running[number] = time.monotonic(), ""
+        self._refresh()
+
+    def heard(self, number: int, words: str) -> None:
+        """What is being done of a spec."""
+        self._running[number] = self._running[number][0], words
         self._refresh()
 
     def ended(self, number: int, result: Result) -> None:
@@ -160,8 +169,8 @@ class Follow:
         for number, result in self._ended.items():
             told = result.headline or "; ".join(message.text for message in result.messages)
             yield result.status, self.specs[number], told
-        for number in self._running:
-            yield "running", self.specs[number], ""
+        for number, (since, words) in self._running.items():
+            yield "running", self.specs[number], f"{words} ({time.monotonic() - since:.0f} s)" if words else ""
 
     def count(self) -> str:
         """`3/11  2 ok, 1 finding`."""

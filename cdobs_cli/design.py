@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.codec import Artefact, Noun
+from cdobs_cli.codec import OPTIONAL, Artefact, Noun
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.plant import Box
 from cdobs_cli.sampling import SamplingLaw
@@ -80,7 +80,8 @@ class Design(Artefact):
     gain: matrices by their paper letter (scalars are 1 x 1), exact decimals. slopes: bounds found for
     entries declared `auto`, {"i.j": [lower, upper]}. reason: why there is no design, with outcome `none`,
     or why it falls short of what was asked, with `short`.
-    front: what other periods are worth, by increasing period. details: what a family wants to keep for its report
+    front: what other periods are worth, by increasing period. cut: whether the time for searches was over before they
+    ended. details: what a family wants to keep for its report
     (plain JSON).
     """
 
@@ -95,6 +96,7 @@ class Design(Artefact):
     details: Mapping[str, Any] = field(default_factory=dict)
     estimate: Confinement = Confinement()
     front: tuple[FrontPoint, ...] = ()
+    cut: bool = field(default=False, metadata={OPTIONAL: True})
     digests: Mapping[str, str] = field(default_factory=dict)
 
     @property

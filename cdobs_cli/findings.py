@@ -50,7 +50,14 @@ def find(spec: Spec, documents: Documents, stages: frozenset[str]) -> list[Messa
     if "simulate" in stages:
         messages += _of_simulation(spec, documents["simulation"], named)
         messages += _beyond_bounds(spec, documents["simulation"], documents["check"], named)
-    return [*messages, *_left_out(spec, documents, stages)]
+    return [*messages, *_cut(spec, documents["design"]), *_left_out(spec, documents, stages)]
+
+
+def _cut(spec: Spec, design: dict[str, Any] | None) -> Iterator[Message]:
+    """A remark on a design whose searches had no more time."""
+    if design is not None and design.get("cut"):
+        text = "the design is the best that was found within --time-limit; without it, it is looked for again"
+        yield replace(_message(spec, text, ("observer",), "time-limit"), severity="warning")
 
 
 def remarks(spec: Spec) -> list[Message]:

@@ -25,9 +25,9 @@ BEAT = 1.0  # seconds between two looks of a worker at its parent
 
 
 class Call(Protocol):
-    """What a worker does with a job; `tell` takes what is known while it goes on."""
+    """What a worker does with a job; `tell` takes what is known while it goes on, and words about what is done."""
 
-    def __call__(self, job: Job, *, tell: Callable[[Result], None]) -> Result: ...
+    def __call__(self, job: Job, *, tell: Callable[[Result | str], None]) -> Result: ...
 
 
 @dataclass
@@ -45,9 +45,10 @@ class _Worker:
 
 
 def each_isolated(
-    jobs: Sequence[Job], call: Call, *, workers: int, time_limit: float | None, started: Callable[[int], None]
-) -> Generator[tuple[int, Result], None, None]:
-    """(number, Result) of every job as it ends, `workers` at a time.
+    jobs: Sequence[Job], call: Call, *, workers: int, time_limit: float | None, started: Callable[[int], None],
+    heard: Callable[[int, str], None] = lambda number, words: None,
+) -> Generator[tuple[int, Result], None, None]:  # fmt: skip
+    """(number, Result) of every job as it ends, `workers` at a time; `heard` gets the words about one that goes on.
 
     A job that outlives `time_limit` seconds is ended and left undecided, with what it had told by then; one whose
     process dies is a failed row; the next job then gets a new process. Closing the iterator, and the end of this
@@ -63,7 +64,7 @@ def each_isolated(
                 started(worker.number)
                 _hand_over(worker, jobs[worker.number])
             for worker in _heard(pool, time_limit):
-                number, result = worker.number, _result(worker, jobs, time_limit)
+                number, result = worker.number, _result(worker, jobs, time_limit, heard)
                 assert number is not None
                 if result is None:
                     continue
@@ -125,13 +126,18 @@ def _heard(pool: list[_Worker], time_limit: float | None) -> list[_Worker]:
     return [worker for worker in busy if worker.pipe in ready or worker.late(time_limit)]
 
 
-def _result(worker: _Worker, jobs: Sequence[Job], time_limit: float | None) -> Result | None:
+def _result(
+    worker: _Worker, jobs: Sequence[Job], time_limit: float | None, heard: Callable[[int, str], None]
+) -> Result | None:
     """What became of the job; None while it goes on."""
     assert worker.number is not None
     seconds, spec = time.monotonic() - worker.started, str(jobs[worker.number].spec)
     try:
         while worker.pipe.poll():
-            told: Result = worker.pipe.recv()
+            told: Result | str = worker.pipe.recv()
+            if isinstance(told, str):
+                heard(worker.number, told)
+                continue
             if not told.waiting:
                 return told
             worker.so_far = told

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -63,7 +63,7 @@ class Result:
 
     headline, summary: one line and a few lines for people. expected: names of the `expect` entries that were
     decided. index: the row of the index page, once there is a report. waiting: stages still to be carried out, of a
-    result that is told while the work goes on.
+    result that is told while the work goes on. stages: seconds of each that was carried out, by name.
     """
 
     spec: str
@@ -78,6 +78,7 @@ class Result:
     index: Any = None
     seconds: float = 0.0
     waiting: tuple[str, ...] = ()
+    stages: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def exit_code(self) -> ExitCode:

@@ -7,8 +7,9 @@ A key says what a stage has read; a stage whose key stands in the stored artefac
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -23,12 +24,15 @@ from cdobs_cli.store import CONTENT, Store, digest
 from cdobs_cli.synthesis import certify, initial_errors, is_design_of, new_design, plant_of, system_of
 
 if TYPE_CHECKING:
+    from cdobs_cli.chart import Chart
+    from cdobs_cli.report.drawings import Drawings
     from cdobs_cli.report.model import Report
     from cdobs_cli.run import Run
     from cdobs_cli.spec.model import Spec
 
 T = TypeVar("T")
 ARCHIVE = "archive"  # the entry of `digests` for the trajectories beside a summary
+_FIGURE_OF_RUN = "figures/states.svg"
 
 
 @dataclass
@@ -39,17 +43,27 @@ class Work:
         spec: with the family that was chosen, once there is a design of one.
         forced: stages to redo although their artefact is current.
         effort: 0..3, the refinement schedule of searches and counterexamples.
+        draws: whether figures are drawn.
     """
 
     spec: Spec
     store: Store
     effort: int = 1
     forced: frozenset[str] = frozenset()
+    draws: bool = True
     design: Design | None = field(default=None, init=False)
     check: Check | None = field(default=None, init=False)
     simulation: dict[str, Any] | None = field(default=None, init=False)
     run: Run | None = field(default=None, init=False)
     redone: set[str] = field(default_factory=set, init=False)
+
+    @cached_property
+    def drawings(self) -> Drawings:
+        """The figures of the folder; none that stands where stages that draw are forced."""
+        from cdobs_cli.report.drawings import Drawings
+
+        forced = self.forced & {"simulate", "replay", "report"}
+        return Drawings(self.store.read_bytes) if forced else Drawings.of(self.store.read_bytes)
 
     def key(self, *sections: str) -> str:
         """Digest of what a stage reads: sections of the spec, normalised, and the versions that matter."""
@@ -69,7 +83,8 @@ def synthesize(work: Work) -> Design:
     """The current design, or a new one, stored."""
     if work.design is None and "synthesize" not in work.forced:
         stored = work.store.design()
-        work.design = stored if stored is not None and _is_current(work, stored) else None
+        current = stored is not None and not stored.cut and _is_current(work, stored)
+        work.design = stored if current else None
     if work.design is None:
         if work.spec.choice is None:
             design = new_design(work.spec, work.effort)
@@ -167,6 +182,8 @@ def simulate(work: Work) -> dict[str, Any] | None:
         if work.simulation is None:
             run, design = _of_design(work, design, _new_run)
             work.run, work.simulation = run, _write_run(work, design, run)
+        if work.draws and ("simulate" in work.redone or not work.store.has(_FIGURE_OF_RUN)):
+            _draw_run(work, design)
     return work.simulation
 
 
@@ -217,18 +234,25 @@ def _new_run(work: Work, design: Design) -> Run:
 
 
 def _write_run(work: Work, design: Design, run: Run) -> dict[str, Any]:
-    from cdobs_cli.report.files import figures_of_run
     from cdobs_cli.simulate.archive import to_bytes
 
     # The archive first: simulation.json, which names its digest, is what makes a run count as there.
     archive = to_bytes(run)
     work.store.write_files({"simulation.npz": archive})
-    stored = _stored_check(work, design)
-    told = replace(report_model(work, {}), check=None if stored is None else work.spec.labels.check(stored), run=run)
-    work.store.write_files(figures_of_run(told))
     run = replace(run, digests={**_simulation_digests(work, design), ARCHIVE: _sha256(archive)})
     work.redone.add("simulate")
     return work.store.write("simulation.json", run.document())
+
+
+def _draw_run(work: Work, design: Design) -> None:
+    stored = _stored_check(work, design)
+    check = None if stored is None else work.spec.labels.check(stored)
+    work.store.write_files(_figures(work, replace(report_model(work, {}), check=check).run_charts))
+
+
+def _figures(work: Work, charts: Iterable[Chart]) -> dict[str, bytes]:
+    """Those of the charts that are not drawn yet, as files by relative name."""
+    return work.drawings.drawn(charts, work.spec.figures)[1]
 
 
 def _stored_check(work: Work, design: Design) -> Check | None:
@@ -250,7 +274,6 @@ def replay(work: Work, identifier: str) -> dict[str, Any]:
     if claim is None or claim.witness is None:
         told = ", ".join(one.id for one in proved.claims if one.witness is not None) or "none"
         raise UsageError(f"{work.spec.source_path}: no counterexample to {identifier!r}; claims that have one: {told}")
-    from cdobs_cli.report.files import figures
     from cdobs_cli.report.replays import attained_chart, crossing_chart, replay_chart
     from cdobs_cli.report.witnesses import witness_name
     from cdobs_cli.simulate.archive import packed
@@ -272,7 +295,7 @@ def replay(work: Work, identifier: str) -> dict[str, Any]:
         again = run_witness(observer.inclusion(plant, design.gain), claim.witness)
         chart = replay_chart(name, identifier, again.arrays(), again.entries)
     archive = packed(again.arrays())
-    work.store.write_files({f"{name}.npz": archive, **figures([work.spec.labels.chart(chart)])})
+    work.store.write_files({f"{name}.npz": archive, **_figures(work, [work.spec.labels.chart(chart)])})
     digests = _check_digests(work, design) | {"check": proved.digests[CONTENT], ARCHIVE: _sha256(archive)}
     document = {"schema_version": 1, "claim": identifier, **again.document(), "digests": digests}
     work.simulation = work.store.write(f"{name}.json", document)
@@ -329,7 +352,7 @@ def report_model(work: Work, digests: Mapping[str, str]) -> Report:
     return Report(
         readable(work.store.folder.name), readable(spec.title), readable(str(spec.source_path)), plant_of(spec, design),
         spec.observer, labels.design(design), check, work.run, spec.typed, spec.coordinates, tuple(told), digests,
-        spec.signals, labels,
+        spec.signals, labels, spec.figures,
     )  # fmt: skip
 
 
@@ -338,6 +361,7 @@ def _render(work: Work) -> list[Path]:
     # What the page shows and is not in an artefact.
     spec, shown = work.spec, {"time": work.spec.labels.time, "states": dict(work.spec.labels.states)}
     more = {"spec": spec.normalised(), "title": spec.title, "labels": shown, "cdobs": __version__}
+    more["figures"] = spec.figures
     marker, pages = ".report.sha256", ("report.md", "report.html")
 
     def content() -> bytes:
@@ -349,7 +373,7 @@ def _render(work: Work) -> list[Path]:
         return []
     from cdobs_cli.report.files import render
 
-    paths = work.store.write_files(render(report_model(work, digests)))
+    paths = work.store.write_files(render(report_model(work, digests), work.drawings))
     work.store.write_files({marker: content()})
     work.redone.add("report")
     return paths

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from flint import arb
 
+from cdobs_cli import progress
 from cdobs_cli.bounds.estimate import before_the_first_sample
 from cdobs_cli.bounds.joint import joint_slopes
 from cdobs_cli.bounds.slopes import is_shared, resolve, to_be_found, unbounded_claims, with_found
@@ -58,7 +59,7 @@ def new_design(spec: Spec, effort: int) -> Design:
         finished = (
             design if design.outcome == "none" else spec.observer.finished(plant_of(spec, design), design, effort)
         )
-    return replace(finished, solver=summary(records))
+    return replace(finished, solver=summary(records), cut=progress.is_late())
 
 
 def _kept(spec: Spec, effort: int) -> Design:
@@ -137,7 +138,10 @@ def _together(spec: Spec, effort: int) -> Design | None:
         if not _serves(wider):
             return design
         design = wider
-    return design if taken == effort else _design_over(region, spec, effort, together=True)
+    if taken == effort or progress.is_late():
+        return design
+    final = _design_over(region, spec, effort, together=True)
+    return design if progress.is_late() and not _serves(final) else final
 
 
 def _part_of_domain(plant: Plant) -> dict[str, Exact]:
@@ -230,7 +234,7 @@ def certify(spec: Spec, design: Design, effort: int) -> Check:
         (*premises, *proved.claims), plant, design.estimate, domain, disturbed=family.disturbed,
         reason=design.reason if design.outcome == "short" else None,
     )  # fmt: skip
-    judged = Check(claims, proved.bounds)
+    judged = replace(proved, claims=claims)
     return replace(judged, bounds=proved_of_the_plant(judged, design.sampling, design.estimate))
 
 

@@ -73,8 +73,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module", autouse=True)
 def without_pictures() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cdobs_cli.report.files.figures_of_run", lambda *_: {})
-        patch.setattr("cdobs_cli.report.files.render", lambda _: {"report.md": b"", "report.html": b""})
+        patch.setattr("cdobs_cli.report.drawings.Drawings.drawn", lambda *_: ({}, {}))
+        patch.setattr("cdobs_cli.report.files.render", lambda *_: {"report.md": b"", "report.html": b""})
         yield
 
 

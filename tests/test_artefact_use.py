@@ -70,7 +70,7 @@ def test_a_pipe_in_place_of_an_artefact_is_refused_at_once(here: Path, name: str
 
 def plain_pages() -> None:
     pages = {"report.md": b"text", "report.html": b"page"}
-    pytest.MonkeyPatch().setattr("cdobs_cli.report.files.render", lambda _: pages)
+    pytest.MonkeyPatch().setattr("cdobs_cli.report.files.render", lambda *_: pages)
 
 
 def test_a_report_whose_mark_or_page_was_edited_is_made_anew(here: Path) -> None:

@@ -140,8 +140,8 @@ def full_disk() -> None:
 
     patch = pytest.MonkeyPatch()
     patch.setattr("os.replace", replace)
-    patch.setattr("cdobs_cli.report.files.render", lambda report: {"report.md": b"#"})  # figures take their time
-    patch.setattr("cdobs_cli.report.files.figures_of_run", lambda *given: {})
+    patch.setattr("cdobs_cli.report.files.render", lambda report, drawings: {"report.md": b"#"})
+    patch.setattr("cdobs_cli.report.drawings.Drawings.drawn", lambda *given: ({}, {}))  # figures take their time
 
 
 BROKEN: dict[str, Callable[[], None]] = {

@@ -9,11 +9,11 @@ from typing import Any
 
 from flint import arb
 
-from cdobs_cli.certificate import ERROR_BOUNDED, Bound, Claim, status_of
-from cdobs_cli.certify.adversary import attained
+from cdobs_cli.certificate import ERROR_BOUNDED, Bound, Claim, Witness, status_of
 from cdobs_cli.certify.gains import Merit
 from cdobs_cli.certify.levels import Level
 from cdobs_cli.certify.methods.base import UNREADABLE, Method, Proof, Question, Reach
+from cdobs_cli.certify.methods.counterexample import Attained
 from cdobs_cli.certify.methods.mean_square.average import Average
 from cdobs_cli.certify.methods.mean_square.every_time import EveryTime
 from cdobs_cli.certify.methods.mean_square.from_zero import MeanSquareFromZero
@@ -22,7 +22,7 @@ from cdobs_cli.certify.methods.peak.from_zero import PeakFromZero
 from cdobs_cli.exact.numbers import Exact, lower_text, upper_text
 from cdobs_cli.plant import Box, Plant
 
-REACHES: tuple[Reach, ...] = ("error bound", "mean square")
+REACHES: tuple[Reach, ...] = ("error bound", "mean square", "error attained")
 # By the question: of each name one is kept, that of the least bound.
 METHODS: tuple[type[Method], ...] = (Peak, PeakFromZero, Average, EveryTime, MeanSquareFromZero)
 Transient = Callable[[Box], tuple[arb, ...]]
@@ -113,6 +113,7 @@ def accuracy(question: Question, items: Iterable[Item]) -> tuple[list[Claim], di
     if not plant.is_perturbed or question.inclusion.assemble_noise is None:
         return [], {}
     claims, bounds = [], {}
+    items = list(items)
     for name, named in _by_name(question, items).items():
         proved = [item for item in named if item.proof.holds and item.proof.error is not None]
         best = min(proved, key=_size, default=None)
@@ -124,7 +125,7 @@ def accuracy(question: Question, items: Iterable[Item]) -> tuple[list[Claim], di
     if "rms" not in bounds and len(by_state) == plant.n:
         total = sum((_end(one) ** 2 for one in by_state), arb(0)).sqrt()
         bounds["rms"] = Bound(upper_text(total, _DIGITS), None, "", "sum of the states'", _ABOUT, "less")
-    reached, lower_ends = _reached(question)
+    reached, lower_ends = _reached(question, items)
     for name, end in lower_ends.items():
         bounds[name] = replace(bounds.get(name, Bound(None, None, "", None, _ABOUT, "less")), refuted=end)
     return [_error_bounded(question, bounds), *claims, *reached], bounds
@@ -139,7 +140,7 @@ def _by_name(question: Question, items: Iterable[Item]) -> dict[str, list[Item]]
     """Those that are about the question's law and a bound that its plant has, by the names of the bounds."""
     named: dict[str, list[Item]] = {}
     for item in items:
-        if item.method.covers.contains(question.law):
+        if item.method.reach != "error attained" and item.method.covers.contains(question.law):
             try:
                 named.setdefault(item.method.quantity(question.plant), []).append(item)
             except UNREADABLE:
@@ -147,19 +148,20 @@ def _by_name(question: Question, items: Iterable[Item]) -> dict[str, list[Item]]
     return named
 
 
-def _reached(question: Question) -> tuple[list[Claim], dict[str, str]]:
+def _reached(question: Question, items: Iterable[Item]) -> tuple[list[Claim], dict[str, str]]:
     """How large errors become at least: claims with words that make them so, and lower ends by the bounds' names."""
-    plant, claims, ends = question.plant, [], {}
-    for i, state in enumerate(plant.states if plant.has_only_bounded else ()):
-        met = attained(question.inclusion, i, question.effort)
-        if met is None:
+    claims, ends = [], {}
+    for item in items:
+        method = item.method
+        if not isinstance(method, Attained) or not item.proof.holds or method.law != question.law:
             continue
-        name, end = f"error.{state}", lower_text(met[0], _DIGITS)
+        state = question.plant.states[method.state]
+        name, end = f"error.{state}", lower_text(_error(item), _DIGITS)
         statement = f"|e_{state}| comes to {end} again and again for some slopes and signals of those declared"
         claims.append(
             Claim(
                 f"{name}.reached", "certificate", "proved", f"{statement}, sampling {question.law.words}.",
-                "the adversary's word, in balls", method="periodic solution of a word", witness=met[1],
+                method.source, method=method.how, witness=Witness.from_document(method.witness),
             )
         )  # fmt: skip
         ends[name] = end

@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cdobs_cli.certificate import Witness
 from cdobs_cli.certify import search
-from cdobs_cli.certify.falsify import refute
+from cdobs_cli.certify.falsify import Word, refute
+from cdobs_cli.certify.floats import exponentials, spectral_radii
 from cdobs_cli.exact.numbers import Exact
-from cdobs_cli.hybrid import HybridInclusion
+from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
+
+if TYPE_CHECKING:
+    from cdobs_cli.arrays import Array
 
 _GROWTH = (1.3, 1.15, 1.07, 1.03)  # by effort: the step of the scan for a first refutation
+_LEAST = 0.5  # of a period: how far a word is shrunk
 _WIDTH = 4e-6  # relative width down to which the first refutation is pressed
 
 
@@ -27,7 +33,37 @@ def smallest_refuted(
         effort: 0..3, finer steps and a stronger search at each period.
     """
     start = float(proved) if proved is not None else _fast_time(at)
-    return search.smallest(lambda T: refute(at(T), effort), start, _GROWTH[max(0, min(effort, 3))], _WIDTH)
+    growth, maps = _GROWTH[max(0, min(effort, 3))], at(Exact(1)).floats
+
+    def ends(witness: Witness, T: float) -> float:
+        with np.errstate(all="ignore"):
+            return _shrunk(maps, Word.from_witness(witness), T)
+
+    return search.smallest(lambda T: refute(at(T), effort), start, growth, _WIDTH, nearer=ends)
+
+
+def _shrunk(maps: ErrorMaps[Array], word: Word, T: float) -> float:
+    """Down to which period, in floats, a word refutes when those of its periods that are T long shrink in proportion:
+    by the maximum principle its switching times matter to second order only."""
+    periods = [[float(arc.length) for arc in period] for period in word.periods]
+    flows = [maps.flow(tuple(map(float, arc.values))) for period in word.periods for arc in period]
+    jumps = [maps.jump_at(tuple(map(float, w))) for _, w in word.samples]
+
+    def refutes(share: float) -> bool:
+        lengths = [length * (share if sum(one) > T * (1 - _WIDTH) else 1.0) for one in periods for length in one]
+        steps = iter(exponentials(np.array(flows) * np.array(lengths)[:, None, None]))
+        M = np.eye(maps.base.shape[0])
+        for period, jump in zip(periods, jumps, strict=True):
+            for _ in period:
+                M = next(steps) @ M
+            M = jump @ M
+        return bool(spectral_radii(M[None])[0] >= 1)
+
+    low, high = _LEAST, 1.0
+    while high - low > _WIDTH / 8:
+        share = (low + high) / 2
+        low, high = (low, share) if refutes(share) else (share, high)
+    return high * T
 
 
 def _fast_time(at: Callable[[Exact], HybridInclusion]) -> float:

@@ -4,16 +4,19 @@ worth proving of it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
 from functools import cached_property
+from itertools import islice
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from flint import arb
 
+from cdobs_cli import progress
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify import accuracy, judge, search
 from cdobs_cli.certify.front import front
@@ -24,6 +27,7 @@ from cdobs_cli.certify.methods.mean_square.aim import scales
 from cdobs_cli.certify.methods.open_loop import OpenLoop, Uncorrected
 from cdobs_cli.certify.methods.rung import Rung, fastest
 from cdobs_cli.certify.reasons import costliest, unreachable
+from cdobs_cli.certify.refutations import refutations
 from cdobs_cli.certify.unseen import unseen
 from cdobs_cli.design import Design, FrontPoint, Outcome
 from cdobs_cli.exact.functions import fraction_ball
@@ -88,14 +92,26 @@ def synthesize(card: Card, plant: Plant, effort: int) -> Design:
     """The given gain or one found for the objective, with its certificates; outcome `none` with a reason where no gain
     is found. Uses the solver."""
     with np.errstate(all="ignore"):  # what overflows in a search is no guess
-        return _Synthesis(card, plant, effort).run()
+        made = _Synthesis(card, plant, effort)
+        try:
+            with progress.searching():
+                return made.run()
+        except progress.TimeIsUp:
+            return made.best_so_far()
 
 
 def finished(card: Card, plant: Plant, design: Design, effort: int) -> Design:
     """A design with what is worth knowing of it, once it is the one that is kept: certificates of how large its error
-    stays under the declared noise and disturbance, and the front. Uses the solver."""
+    stays under the declared noise and disturbance, what is refuted of it, and the front. Uses the solver."""
     with np.errstate(all="ignore"):
-        return _Synthesis(card, plant, effort).finished(design)
+        made = _Synthesis(card, plant, effort)
+        made.design = design
+        with suppress(progress.TimeIsUp), progress.searching():
+            made.finish()
+        return made.design
+
+
+_TIME = "the time for searches ended (--time-limit)"
 
 
 class _Synthesis:
@@ -107,6 +123,32 @@ class _Synthesis:
         keeps_rate = card.objective in ("max_period", "min_error")
         self.asked = self.question.with_rate(card.wanted_rate) if keeps_rate else self.question
         self.searches: Sequence[GainSearch] = ()
+        # What there is by now: candidates met, certificates of the gain that is kept, and the design to be finished.
+        self.met: list[Candidate] = []
+        self.own: list[Method] = []
+        self.design: Design | None = None
+
+    def best_so_far(self) -> Design:
+        """Where the time for searches is over: the best candidate that was met, with the certificates found for it."""
+        longest = self.plant.sampling.T_max
+        serving = [one for one in self.met if longest.is_at_most(one.law.T_max)]
+        best = max(serving or self.met, key=lambda one: one.merit, default=None)
+        if best is None and self.given is not None:
+            return self._design("given", self.plant.sampling, self.given, [one.certificate() for one in self.own])
+        if best is None:
+            return self._design("none", self.plant.sampling, None, reason=_TIME)
+        if not self.own:
+            self.own = [best.method] if best.method is not None else self._proofs(best)
+        certificates = [method.certificate() for method in self.own]
+        if self.given is not None:
+            return self._design("given", best.law, best.gain, certificates)
+        law = best.law if serving else self.plant.sampling
+        return self._design("found" if serving else "short", law, best.gain, certificates, reason=_TIME)
+
+    def _proofs(self, best: Candidate) -> list[Method]:
+        question = self.question.with_gain({self.card.letter: best.gain}).under(best.law)
+        proposals = (rung.propose(question) for rung in self.card.rungs(question))
+        return list(islice((one for one in proposals if one is not None), 1))
 
     def run(self) -> Design:
         hidden = unseen(self.plant)
@@ -157,11 +199,20 @@ class _Synthesis:
         """One from each search; under given_period where none of them weighs noise the first gain found."""
         if self.objective == "max_period":
             longest = self._longest_within if self.card.error_at_most else lambda way: way.longest(self.asked)
-            return _found(longest(way) for way in self.searches)
+            return self._found(longest)
         if self.objective == "decay_rate":
-            return _found(way.fastest(self.question) for way in self.searches)
-        quiet = _found(self._quiet(way, self.asked) for way in self.searches)
-        return quiet or _found(way.at(self.asked) for way in self.searches)[:1]
+            return self._found(lambda way: way.fastest(self.question))
+        return self._found(lambda way: self._quiet(way, self.asked)) or self._found(lambda way: way.at(self.asked))[:1]
+
+    def _found(self, make: Callable[[GainSearch], Candidate | None]) -> list[Candidate]:
+        """One from each search that finds one."""
+        found = []
+        for way in self.searches:
+            candidate = make(way)
+            if candidate is not None:
+                found.append(candidate)
+                self.met.append(candidate)
+        return found
 
     def _quiet(self, way: GainSearch, question: Question, near: ExactMatrix | None = None) -> Candidate | None:
         """The gain of least error under what is declared, else the one that amplifies noise least."""
@@ -210,7 +261,7 @@ class _Synthesis:
         longest = self.plant.sampling.T_max
         serving = [one for one in candidates if longest.is_at_most(one.law.T_max)]
         if not candidates:
-            candidates = _found(way.nearest(self.asked.afresh()) for way in self.searches)
+            candidates = self._found(lambda way: way.nearest(self.asked.afresh()))
         return serving, [] if serving else candidates, reason
 
     def _uncorrected(self) -> list[Candidate]:
@@ -257,13 +308,14 @@ class _Synthesis:
     ) -> Design:
         letter = self.card.letter
         question = self.question.with_gain({letter: best.gain}).under(best.law)
-        own = [best.method] if best.method is not None else []
+        self.met = [best]
+        self.own = own = [best.method] if best.method is not None else []
         done = best.method.rung if best.method is not None else ""
         at_rest = best.method is not None and not best.method.prove(question).rate > 0
         for rung in self.card.rungs(question):
             if rung.name == done and at_rest:  # of a gain for little noise some rate is worth knowing
                 decaying = fastest(rung, question.afresh(), _COARSE)
-                own = [decaying] if decaying is not None else own
+                own[:] = [decaying] if decaying is not None else own
             if rung.name != done:
                 about = question.afresh()
                 here = fastest(rung, about) if self.card.with_rates else rung.propose(about)
@@ -289,23 +341,32 @@ class _Synthesis:
         design = self._design(outcome, best.law, best.gain, kept, beyond.details, reason)
         return replace(design, front=beyond.front)
 
-    def finished(self, design: Design) -> Design:
-        """With how large the error stays under what is declared, and what other periods are worth."""
-        letter = self.card.letter
-        if design.outcome == "none" or letter not in design.gain:
-            return design
+    def finish(self) -> None:
+        """With how large the error stays under what is declared, what is refuted, and what other periods are worth."""
+        design, letter = self.design, self.card.letter
+        if design is None or design.outcome == "none" or letter not in design.gain or progress.is_late():
+            return
         question = self.question.with_gain({letter: design.gain[letter]}).under(design.sampling)
         sizes = accuracy.sized(question)
-        certificates = (*design.certificates, *(sized.method.certificate() for sized in sizes))
-        design = replace(design, certificates=certificates)
+        self._keep(*(sized.method for sized in sizes))
         exceeded = self._exceeded(accuracy.by_state(sizes)) if self.given is None else None
         if exceeded is not None:
             reason = exceeded if design.reason is None else f"{design.reason}; {exceeded}"
-            design = replace(design, outcome="short", reason=reason)
-        if design.front or not question.level:
-            return design
-        self.searches = self.card.gain_searches(self.asked)
-        return replace(design, front=self._front(question, design.gain[letter]))
+            self.design = replace(self._kept, outcome="short", reason=reason)
+        for method in refutations(judge.judgement_of(self.card, self.plant, self._kept, question.effort)):
+            self._keep(method)
+        if not design.front and question.level:
+            self.searches = self.card.gain_searches(self.asked)
+            self.design = replace(self._kept, front=self._front(question, design.gain[letter]))
+
+    @property
+    def _kept(self) -> Design:
+        assert self.design is not None
+        return self.design
+
+    def _keep(self, *methods: Method) -> None:
+        certificates = (*self._kept.certificates, *(method.certificate() for method in methods))
+        self.design = replace(self._kept, certificates=certificates)
 
     def _front(self, question: Question, own: ExactMatrix) -> tuple[FrontPoint, ...]:
         """Where a gain was looked for, and periods, rates or errors are what it is about."""
@@ -336,7 +397,3 @@ class _Synthesis:
             kept.setdefault(f"{certificate.method} {certificate.sampling} {about}", certificate)
         held = {} if gain is None else {letter: gain}
         return Design(self.card.name, outcome, law, held, tuple(kept.values()), None, reason, details=details or {})
-
-
-def _found(candidates: Iterable[Candidate | None]) -> list[Candidate]:
-    return [one for one in candidates if one is not None]

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from flint import arb
 
+from cdobs_cli import progress
 from cdobs_cli.certificate import Witness
 from cdobs_cli.certify.ball import has_spectral_radius_at_least, is_hurwitz, null_space, spectral_radius_lower
 from cdobs_cli.certify.floats import exponentials, spectral_radii
@@ -121,6 +122,7 @@ def refute(inclusion: HybridInclusion, effort: int) -> Witness | None:
     periods the law contains; words of mixed periods for a linear loop; and from effort 1 on V(t) that switch
     between corners, over words of several periods.
     """
+    progress.doing(f"counterexamples at T = {float(inclusion.sampling.T_max):.6g}")
     with np.errstate(all="ignore"):
         for words in (_unseen_words, _constant_words, _period_words, _switching_words):
             for word in words(inclusion, effort):

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 def exponentials(batch: Array) -> Array:
-    """exp of each matrix of a stack (k, N, N), in floats: scaling, a Taylor polynomial, squaring."""
+    """exp of each matrix of a stack (k, N, N), in floats: scaling to norms below 1/8, a Taylor polynomial, squaring."""
     import numpy as np
 
     norms = np.abs(batch).sum(axis=-1).max(axis=-1) if batch.size else np.zeros(len(batch))
@@ -19,7 +19,7 @@ def exponentials(batch: Array) -> Array:
     scaled = batch / 2.0**squarings
     identity = np.broadcast_to(np.eye(batch.shape[-1]), batch.shape)
     total = identity.copy()
-    for k in range(14, 0, -1):
+    for k in range(9, 0, -1):
         total = identity + scaled @ total / k
     with np.errstate(all="ignore"):
         for _ in range(squarings):

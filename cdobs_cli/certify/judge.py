@@ -9,13 +9,15 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import Any, ClassVar, Protocol
 
+from flint import arb
+
 from cdobs_cli.certificate import CONVERGENCE, Bound, Certificate, Check, Claim, Status, Witness
 from cdobs_cli.certify import accuracy
-from cdobs_cli.certify.bracket import smallest_refuted
 from cdobs_cli.certify.falsify import refute, slowest_decay
 from cdobs_cli.certify.levels import Level
 from cdobs_cli.certify.linear import is_linear, stable_intervals
 from cdobs_cli.certify.methods.base import Method, Proof, Question, read
+from cdobs_cli.certify.methods.counterexample import Attained, Counterexample
 from cdobs_cli.certify.methods.dead_beat import DeadBeat, resets
 from cdobs_cli.certify.unseen import Unseen, unseen
 from cdobs_cli.design import Design
@@ -25,6 +27,8 @@ from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
 
 _UNSEEN = "unseen direction"
+# What the designs of every family may hold beside the methods of its own.
+COMMON: tuple[type[Method], ...] = (*accuracy.METHODS, Counterexample, Attained)
 
 
 class Card(Protocol):
@@ -110,26 +114,56 @@ class Judgement:
         return [item for item in proved if item.method.covers.contains(self.law.with_period(item.T))]
 
     @property
+    def longest(self) -> Judged | None:
+        """Of the design's gain the longest period."""
+        return _longest([item for item in self.usable if item.own])
+
+    @property
+    def longest_exact(self) -> Judged | None:
+        """The longest period of any gain that a method proves whose best gain is the best there is."""
+        return _longest([item for item in self.usable if item.method.exact])
+
+    @property
+    def is_dead_beat(self) -> bool:
+        return any(item.own and isinstance(item.method, DeadBeat) for item in self.usable)
+
+    @property
+    def defeated(self) -> list[Judged]:
+        """Counterexamples of the design's gain, for its law with its period replaced, the shortest first."""
+        proved = [item for item in self.items if item.own and item.method.reach == "no convergence"]
+        fitting = [item for item in proved if item.proof.holds and item.method.law == self.law.with_period(item.T)]
+        return sorted(fitting, key=lambda item: float(item.T))
+
+    @property
     def hopeless(self) -> list[Judged]:
         """Proofs that every gain fails, for laws that the design's law at some period holds."""
         proved = [item for item in self.items if item.method.reach == "no gain" and item.proof.holds]
         return [item for item in proved if self.law.with_period(item.T).contains(item.method.law)]
 
 
+def judgement_of(card: Card, plant: Plant, design: Design, effort: int) -> Judgement:
+    """A design with its certificates proved again, under the law that it is for."""
+    plant, gain = replace(plant, sampling=design.sampling), design.gain
+    question = card.question(plant, gain if _has_gain(card, plant, design) else {}, effort)
+    return Judgement(card, design, question, tuple(_judged(card, question, design.certificates)))
+
+
+def _has_gain(card: Card, plant: Plant, design: Design) -> bool:
+    gain = design.gain.get(card.letter)
+    return design.outcome != "none" and gain is not None and gain.shape == (plant.n, plant.p)
+
+
 def judge(card: Card, plant: Plant, design: Design, effort: int) -> Check:
     """All claims and bounds of a design under the law that it is for."""
-    law, gain = design.sampling, design.gain
-    plant = replace(plant, sampling=law)
-    has_gain = design.outcome != "none" and card.letter in gain and gain[card.letter].shape == (plant.n, plant.p)
-    question = card.question(plant, gain if has_gain else {}, effort)
-    judgement = Judgement(card, design, question, tuple(_judged(card, question, design.certificates)))
+    judgement = judgement_of(card, plant, design, effort)
+    plant, question = judgement.plant, judgement.question
     hidden = unseen(plant)
-    if not has_gain:
+    if not _has_gain(card, plant, design):
         return _without_gain(judgement, hidden)
     beside, beside_bounds = card.claims_beside(judgement)
     claims = _certificate_claims(judgement)
     bounds = _bounds(judgement)
-    lost = _lost_by_every_gain(judgement, bounds)
+    lost = _lost_by_every_gain(judgement)
     if hidden is not None:
         lost.append(_every_gain(f"Every gain fails: {hidden.sentence(plant)}."))
     conclusion = _conclusion(judgement, hidden, claims)
@@ -137,7 +171,8 @@ def judge(card: Card, plant: Plant, design: Design, effort: int) -> Check:
     of_errors, error_bounds = accuracy.accuracy(question, sized)
     told = (conclusion, *of_errors, *claims, *beside, *lost, *_intervals(question))
     unique = {claim.id: claim for claim in reversed(told)}
-    return Check(tuple(reversed(unique.values())), bounds | beside_bounds | error_bounds)
+    every = bounds | beside_bounds | error_bounds
+    return Check(tuple(reversed(unique.values())), every, envelope=_envelope(judgement))
 
 
 def _judged(
@@ -149,7 +184,7 @@ def _judged(
     """The certificates that can be read and are wanted, each proved again."""
     items = []
     for certificate in certificates:
-        stored = read(certificate, (*card.methods(), *accuracy.METHODS), (card.letter,))
+        stored = read(certificate, (*card.methods(), *COMMON), (card.letter,))
         if stored is None or not wanted(stored.method):
             continue
         gain = stored.gain
@@ -204,10 +239,12 @@ def _conclusion(judgement: Judgement, hidden: Unseen | None, claims: Sequence[Cl
         by = best.method.rung if best.method.law == judgement.law else f"period_max.{best.method.rung}"
         by = next((claim.id for claim in claims if claim.status == "proved" and claim.id.startswith(by)), by)
         return _convergence(judgement, "proved", statement, margin=margin, method=best.method.name, by=by)
-    plant, question = judgement.plant, judgement.question
-    witness = hidden.witness(plant) if hidden is not None else None
-    if witness is None and judgement.design.outcome != "short":  # of a gain kept for shorter periods nothing is asked
-        witness = refute(question.inclusion, question.effort)
+    witness = hidden.witness(judgement.plant) if hidden is not None else None
+    here = next((item for item in judgement.defeated if item.method.law == judgement.law), None)
+    if witness is None and here is not None:
+        witness = Witness.from_document(here.method.certificate().data["witness"])
+    elif witness is None and judgement.design.outcome != "short":  # of such a gain shorter periods were kept
+        witness = refute(judgement.question.inclusion, 0)
     defeated = next((item for item in judgement.hopeless if judgement.law.contains(item.method.law)), None)
     if witness is None and defeated is not None:
         witness = Witness("vector", "class", data=dict(defeated.method.certificate().data))
@@ -245,9 +282,8 @@ def _certificate_claims(judgement: Judgement) -> list[Claim]:
 
 def _bounds(judgement: Judgement) -> dict[str, Bound]:
     """The bracket of the period with its ladder of methods, of all gains met, and the rate under the law."""
-    question, own = judgement.question, [item for item in judgement.usable if item.own]
-    resetting = any(isinstance(item.method, DeadBeat) for item in own) and resets(question.inclusion)
-    if resetting:
+    own = [item for item in judgement.usable if item.own]
+    if judgement.is_dead_beat and resets(judgement.question.inclusion):
         told = "one sample erases every error, whatever the period"
         bounds = {name: _endless(DeadBeat.name, told) for name in ("period_max", "period_max_any_gain")}
     else:
@@ -277,10 +313,10 @@ def _endless(method: str, about: str) -> Bound:
 
 def _brackets(judgement: Judgement, own: list[Judged]) -> dict[str, Bound]:
     """Of the design's gain: the longest period proved, by each rung too, and the shortest refuted above it."""
-    question, about = judgement.question, f"this gain, {judgement.law.open_end}"
-    best = _longest(own)
-    failing = smallest_refuted(lambda T: question.at(T).inclusion, None if best is None else best.T, question.effort)
-    refuted = None if failing is None else _above(failing[0])
+    about, best = f"this gain, {judgement.law.open_end}", judgement.longest
+    above = 0.0 if best is None else float(best.T)
+    failing = next((item for item in judgement.defeated if float(item.T) > above), None)
+    refuted = None if failing is None else _above(failing.T)
     if best is None and refuted is None:
         return {}
     rungs = dict.fromkeys(item.method.rung for item in own)
@@ -318,18 +354,14 @@ def _above(T: Exact) -> str:
     return upper_text(T.ball()) if T.rational is None or "/" in str(T) else str(T)
 
 
-def _lost_by_every_gain(judgement: Judgement, bounds: dict[str, Bound]) -> list[Claim]:
-    """Where a method that is exact proved some gain: every gain fails just above it. Completes the bracket."""
-    best = _longest([item for item in judgement.usable if item.method.exact])
-    bound = bounds.get("period_max_any_gain")
-    lost = None if best is None else best.method.lost_by_every_gain(judgement.question)
-    if best is None or bound is None or lost is None or float(lost[0]) <= float(bound.proved or 0):
+def _lost_by_every_gain(judgement: Judgement) -> list[Claim]:
+    """The shortest period at which every gain fails."""
+    item = min(judgement.hopeless, key=lambda item: float(item.T), default=None)
+    if item is None:
         return []
-    T, statement = lost
-    about = "some gain proved, every gain refuted"
-    bounds["period_max_any_gain"] = replace(bound, refuted=str(T), about=about)
-    name, source = "period_max_any_gain.refuted", best.method.source
-    return [Claim(name, "certificate", "proved", statement, source, method="cells of gains in balls")]
+    method = item.method
+    statement = f"{method.sentence}, sampling {method.law.words}."
+    return [Claim("period_max_any_gain.refuted", "certificate", "proved", statement, method.source, method=method.how)]
 
 
 def _intervals(question: Question) -> list[Claim]:
@@ -351,6 +383,15 @@ def _intervals(question: Question) -> list[Claim]:
             method=how,
         )
     ]
+
+
+def _envelope(judgement: Judgement) -> dict[str, str]:
+    """factor and rate of |e(t)| <= factor |e(0)| exp(-rate t), from the certificates that cover the law; the fastest
+    that has one."""
+    met = [(item.method.factor(judgement.question), item.proof.rate) for item in judgement.covering]
+    known = [(factor, rate) for factor, rate in met if factor is not None]
+    best = max(known, key=lambda one: (float(one[1].lower()), -one[0]), default=None)
+    return {} if best is None else {"factor": upper_text(arb(best[0]), 6), "rate": lower_text(best[1], 9)}
 
 
 def _covering(card: Card, plant: Plant, design: Design) -> tuple[Question, list[Judged]]:
@@ -376,11 +417,3 @@ def noisy_transients(card: Card, plant: Plant, design: Design) -> list[accuracy.
     sized = [accuracy.Item(item.method, item.proof) for item in judged if item.own]
     met = (item.method.level(question) for item in covering)
     return accuracy.transients(question, sized, [level for level in met if level is not None])
-
-
-def envelope(card: Card, plant: Plant, design: Design) -> dict[str, float] | None:
-    """|e(t)| <= factor |e(0)| exp(-rate t), from the certificates that cover the law; the fastest that has one."""
-    question, covering = _covering(card, plant, design)
-    met = [(item.method.factor(question), float(item.proof.rate.lower())) for item in covering]
-    bounds = [{"factor": factor, "rate": rate} for factor, rate in met if factor is not None]
-    return max(bounds, key=lambda bound: (bound["rate"], -bound["factor"]), default=None)

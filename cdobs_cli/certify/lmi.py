@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
+from cdobs_cli import progress
 from cdobs_cli.design import SolverRecord
 
 if TYPE_CHECKING:
@@ -208,6 +209,7 @@ def ask_clarabel(
     log = _LOG.get()
     if log is not None:
         log.append(record)
+    progress.called()
     return x, record
 
 

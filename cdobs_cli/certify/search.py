@@ -12,6 +12,7 @@ from fractions import Fraction
 from typing import TypeVar
 
 from cdobs_cli.exact.numbers import Exact, decimal_text, plain_decimal
+from cdobs_cli.progress import TimeIsUp
 
 T_ = TypeVar("T_")
 
@@ -66,7 +67,7 @@ def largest(
     """The largest number found with a proof, and the proof; None where nothing down to start / 1.6^24 has one.
 
     Walks down from `start` (towards `floor`) to a first proof, or up from it to a first failure, then bisects to the
-    relative width.
+    relative width. When the time for searches is over it is the best so far.
 
     Args:
         glance: a quicker, weaker proof for the walk.
@@ -80,16 +81,28 @@ def largest(
             known[str(value)] = prove(value)
         return known[str(value)]
 
-    walk = full if glance is None else glance
+    try:
+        return _largest(full, start, width, full if glance is None else glance, floor, digits)
+    except TimeIsUp:
+        proved = [(Exact(text), proof) for text, proof in known.items() if proof is not None]
+        if not proved:
+            raise
+        return max(proved, key=lambda pair: float(pair[0]))
+
+
+def _largest(
+    full: Callable[[Exact], T_ | None], start: Exact, width: Fraction, walk: Callable[[Exact], T_ | None],
+    floor: float, digits: int,
+) -> tuple[Exact, T_] | None:  # fmt: skip
     low, steps = start, 0
     while walk(low) is None:
         if steps == STEPS:
-            at_start = None if glance is None else full(start)
+            at_start = None if walk is full else full(start)
             return None if at_start is None else (start, at_start)
         low, steps = short(floor + (float(low) - floor) / FACTOR, digits), steps + 1
     high = short(float(low) * FACTOR if floor == 0 or steps == 0 else floor + (float(low) - floor) * FACTOR, digits)
     while (
-        (steps == 0 or glance is not None)
+        (steps == 0 or walk is not full)
         and float(high) < SPAN * float(start)
         and (walk(high) or full(high)) is not None
     ):
@@ -124,12 +137,16 @@ def between(
 
 
 def smallest(
-    refute: Callable[[Exact], T_ | None], start: float, growth: float, width: float, *, span: float = 1e4
-) -> tuple[Exact, T_] | None:
+    refute: Callable[[Exact], T_ | None], start: float, growth: float, width: float, *, span: float = 1e4,
+    nearer: Callable[[T_, float], float] | None = None,
+) -> tuple[Exact, T_] | None:  # fmt: skip
     """The smallest number found above `start` with a refutation, and the refutation.
 
-    Walks up by the factor `growth`, at most to `span` times the start, then bisects between the last number that
-    survived and the first that did not.
+    Walks up by the factor `growth`, at most to `span` times the start, then closes in between the last number that
+    survived and the first that did not, to the relative width.
+
+    Args:
+        nearer: where a refutation at a number about ends to be one; a guess, tried before the middle.
     """
     if not 0 < start < 1e12:
         return None
@@ -140,13 +157,15 @@ def smallest(
             return None
         T = short(high)
         refutation = refute(T)
-    best = (T, refutation)
+    best, guess = (T, refutation), nearer
     while high - low > width * high:
         middle = (low + high) / 2
+        if guess is not None:  # just below the guess nothing may be left
+            middle = max(low, min(guess(best[1], high), high - 0.9 * width * high))
         T = short(middle)
-        nearer = refute(T) if float(T) > start else None
-        if nearer is None:
-            low = middle
+        refutation = refute(T) if float(T) > start else None
+        if refutation is None:
+            low, guess = middle, None
         else:
-            high, best = middle, (T, nearer)
+            high, best, guess = middle, (T, refutation), nearer
     return best

@@ -8,11 +8,12 @@ equal slopes are then merged and their lengths refined. What comes out is only p
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from itertools import product
+from itertools import accumulate, product
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from cdobs_cli.certify.floats import exponentials
 from cdobs_cli.exact.numbers import Exact
@@ -26,6 +27,10 @@ _PERIODS = (0, 2, 3, 4)  # longest words, by effort
 _STARTS = (0, 4, 8, 16)
 _SWEEPS = 12
 _PROMISING = 0.985  # a radius from which lengths are refined
+_SIMPLE = 1e12  # how large a left eigenvector may be beside its right one
+_STEPS = 30
+_STANDING = 1e-7  # of the room: a step that is none
+_GAINED = 1e-13  # of ln |lambda|: a gain that is none
 
 
 @dataclass(frozen=True)
@@ -50,8 +55,6 @@ def propose(inclusion: HybridInclusion, effort: int) -> list[Proposal]:
 
 def propose_for(maps: ErrorMaps[Array], words: list[tuple[Exact, ...]], level: int) -> list[Proposal]:
     """The same for maps in floats and given sampling periods of each word."""
-    import numpy as np
-
     with np.errstate(all="ignore"):
         search = _Search(maps, _SLOTS[level])
         found = [proposal for word in words for proposal in search.word(word, _STARTS[level])]
@@ -85,18 +88,15 @@ class _Search:
     """Policy iteration for one inclusion."""
 
     def __init__(self, maps: ErrorMaps[Array], slots: int) -> None:
-        import numpy as np
-
         self.maps, self.slots = maps, slots
         self.parts = np.array(maps.parts).reshape(-1, *maps.base.shape)  # (k, N, N)
         self.lower, self.upper = np.array(maps.lower, dtype=float), np.array(maps.upper, dtype=float)
         self.k, self.m = len(self.lower), len(maps.jump_lower)
         self.jump_parts = np.array(maps.jump_parts).reshape(-1, *maps.base.shape)
+        self.known: dict[tuple[bytes, float], Array] = {}
         self.half = (np.array(maps.jump_upper, dtype=float) - np.array(maps.jump_lower, dtype=float)) / 2
 
     def word(self, periods: tuple[Exact, ...], starts: int) -> list[Proposal]:
-        import numpy as np
-
         W, slots = len(periods), self.slots
         rng = np.random.default_rng(1000 * W + self.k)
         lengths = np.repeat([float(T) / slots for T in periods], slots)
@@ -122,15 +122,11 @@ class _Search:
 
     def _jumps(self, at_jumps: Any) -> Array:
         """The jump after each period, (W, N, N)."""
-        import numpy as np
-
         deviations = np.where(at_jumps, self.half, -self.half)
         jumps: Array = self.maps.jump + np.einsum("wm,mij->wij", deviations, self.jump_parts)
         return jumps
 
     def _improve(self, bits: Any, at_jumps: Any, lengths: Array, W: int) -> tuple[float, Any, Any]:
-        import numpy as np
-
         size = bits.size
 
         def evaluate(flat: Any) -> tuple[float, Any]:
@@ -157,53 +153,34 @@ class _Search:
             radius, gradient, best = better, slope, trial
         return radius, best[:size].reshape(bits.shape), best[size:].reshape(at_jumps.shape)
 
+    def _steps(self, bits: Any, lengths: Array) -> Array:
+        """exp(flow length) of each slot, (slots, N, N); what was computed before is looked up."""
+        keys = [(row.tobytes(), length) for row, length in zip(bits, lengths.tolist(), strict=True)]
+        fresh = {key: slot for slot, key in enumerate(keys) if key not in self.known}
+        if fresh:
+            slots = list(fresh.values())
+            E = exponentials(self._flows(bits[slots]) * lengths[slots, None, None])
+            self.known.update(zip(fresh, E, strict=True))
+        return np.array([self.known[key] for key in keys])
+
+    def _flows(self, bits: Any) -> Array:
+        flows: Array = self.maps.base + np.tensordot(np.where(bits, self.upper, self.lower), self.parts, 1)
+        return flows
+
     def _evaluate(self, bits: Any, at_jumps: Any, lengths: Array, W: int) -> tuple[float, Any]:
         """rho per period of the word, and d|lambda| / d v for each slot, then for each slope at each jump, flat (None
         where it makes no sense)."""
-        import numpy as np
-
-        v = np.where(bits, self.upper, self.lower)
-        flows = self.maps.base + np.einsum("sk,kij->sij", v, self.parts)
-        E = exponentials(flows * lengths[:, None, None])
-        N = flows.shape[-1]
-        jumps, before_jump = self._jumps(at_jumps), []
-        forward = [np.eye(N)]
-        for slot, step in enumerate(E):
-            total = step @ forward[-1]
-            if (slot + 1) % self.slots == 0:
-                before_jump.append(total)
-                total = jumps[slot // self.slots] @ total
-            forward.append(total)
-        M = forward[-1]
-        if not np.all(np.isfinite(M)):
+        ends = range(self.slots - 1, W * self.slots, self.slots)
+        cycle = _cycle(self._steps(bits, lengths), self._jumps(at_jumps), ends)
+        if cycle is None:
             return float("nan"), None
-        values, vectors = np.linalg.eig(M)
-        top = int(np.argmax(np.abs(values)))
-        lam = values[top]
-        size = float(np.abs(lam))
-        radius = size ** (1 / W)
-        if size == 0.0:
+        radius = cycle.size ** (1 / W)
+        if cycle.p is None:
             return radius, None
-        duals, lefts = np.linalg.eig(M.T)
-        p = lefts[:, int(np.argmin(np.abs(duals - lam)))]
-        x = vectors[:, top]
-        scale = p @ x
-        if abs(scale) < 1e-12:
-            return radius, None
-        weight = np.conj(lam) / size / scale
-        gradient, of_jumps = np.empty((len(E), self.k)), np.empty((W, self.m))
-        costate = p
-        for slot in range(len(E) - 1, -1, -1):
-            if (slot + 1) % self.slots == 0:
-                w = slot // self.slots
-                of_jumps[w] = np.real(weight * np.einsum("i,kij,j->k", costate, self.jump_parts, before_jump[w] @ x))
-                costate = jumps[w].T @ costate
-            e = forward[slot] @ x
-            before = E[slot].T @ costate
-            middle_e, middle_p = (e + E[slot] @ e) / 2, (costate + before) / 2
-            gradient[slot] = np.real(weight * np.einsum("i,kij,j->k", middle_p, self.parts, middle_e))
-            costate = before
-        return radius, np.concatenate([gradient.ravel(), of_jumps.ravel()])
+        middle_e, middle_p = (cycle.e + cycle.e_end) / 2, (cycle.p + cycle.p_end) / 2
+        gradient = np.einsum("si,kij,sj->sk", middle_p, self.parts, middle_e)
+        of_jumps = np.einsum("wi,mij,wj->wm", cycle.p_jump, self.jump_parts, cycle.e_end[list(ends)])
+        return radius, np.real(np.concatenate([gradient.ravel(), of_jumps.ravel()]))
 
     def _merge(self, bits: Any, lengths: Array, W: int) -> tuple[tuple[tuple[float, tuple[bool, ...]], ...], ...]:
         periods = []
@@ -218,47 +195,109 @@ class _Search:
             periods.append(tuple(arcs))
         return tuple(periods)
 
-    def _radius(self, arcs: Any, jumps: Array) -> float:
-        import numpy as np
-
-        flat = [arc for period in arcs for arc in period]
-        v = np.where(
-            np.array([corner for _, corner in flat], dtype=bool).reshape(len(flat), self.k), self.upper, self.lower
-        )
-        flows = self.maps.base + np.einsum("sk,kij->sij", v, self.parts)
-        E = iter(exponentials(flows * np.array([length for length, _ in flat])[:, None, None]))
-        M = np.eye(flows.shape[-1])
-        for period, jump in zip(arcs, jumps, strict=True):
-            for _ in period:
-                M = next(E) @ M
-            M = jump @ M
-        if not np.all(np.isfinite(M)):
-            return float("nan")
-        largest = float(np.abs(np.linalg.eigvals(M)).max())
-        return math.pow(largest, 1 / len(arcs))
-
     def _refine(self, radius: float, arcs: Any, jumps: Array) -> tuple[float, Any]:
-        """Moves switching times while that helps, by halving steps."""
-        step = max(length for period in arcs for length, _ in period) / 8
-        switches = [(w, i) for w, period in enumerate(arcs) for i in range(len(period) - 1)]
-        for _ in range(14):
-            moved = False
-            for w, i in switches:
-                for delta in (step, -step):
-                    first, second = arcs[w][i], arcs[w][i + 1]
-                    if not (first[0] + delta > 0 and second[0] - delta > 0):
-                        continue
-                    period = [
-                        *arcs[w][:i],
-                        (first[0] + delta, first[1]),
-                        (second[0] - delta, second[1]),
-                        *arcs[w][i + 2 :],
-                    ]
-                    trial = (*arcs[:w], tuple(period), *arcs[w + 1 :])
-                    value = self._radius(trial, jumps)
-                    if value > radius:
-                        radius, arcs, moved = value, trial, True
-                        break
-            if not moved:
-                step /= 2
-        return radius, arcs
+        """Moves the switching times, each by at most half of the arcs beside it, to where the radius is largest: with
+        d|lambda| / d t = p' F e at the end of an arc."""
+        flat = [arc for period in arcs for arc in period]
+        lengths = np.array([length for length, _ in flat])
+        flows = self._flows(np.array([corner for _, corner in flat], dtype=bool).reshape(len(flat), self.k))
+        ends = [total - 1 for total in accumulate(len(period) for period in arcs)]
+        inner = [s for s in range(len(flat)) if s not in ends]
+        if not inner:
+            return radius, arcs
+        move = np.zeros((len(flat), len(inner)))  # of lengths with the switching times
+        for column, s in enumerate(inner):
+            move[s, column], move[s + 1, column] = 1.0, -1.0
+
+        def ascent(shifts: Array) -> tuple[float, Array]:
+            """ln |lambda| and its slope."""
+            moved = lengths + move @ shifts
+            cycle = _cycle(exponentials(flows * moved[:, None, None]), jumps, ends)
+            if cycle is None or cycle.p is None or cycle.size == 0.0:
+                return -np.inf, np.zeros(len(inner))
+            by_length = np.real(np.einsum("si,sij,sj->s", cycle.p_end, flows, cycle.e_end))
+            return float(np.log(cycle.size)), (by_length @ move) / cycle.size
+
+        room = np.array([(-lengths[s] / 2.001, lengths[s + 1] / 2.001) for s in inner])
+        best, shifts = _climbed(ascent, room)
+        refined = float(np.exp(best / len(arcs)))
+        if not refined > radius:
+            return radius, arcs
+        moved = iter((lengths + move @ shifts).tolist())
+        return refined, tuple(tuple((next(moved), corner) for _, corner in period) for period in arcs)
+
+
+def _climbed(ascent: Callable[[Array], tuple[float, Array]], room: Array) -> tuple[float, Array]:
+    """The largest value met from 0 on within the room, and where: quasi-Newton steps (BFGS), cut at the walls.
+    (SciPy's minimisers take longer to load than all of these climbs take.)"""
+    shifts = np.zeros(len(room))
+    best, slope = ascent(shifts)
+    steepest = np.abs(slope).max()
+    if not (np.isfinite(best) and steepest > 0):
+        return best, shifts
+    H = np.eye(len(room)) * (np.ptp(room, axis=1).min() / 8 / steepest)
+    for _ in range(_STEPS):
+        step = np.clip(shifts + H @ slope, room[:, 0], room[:, 1]) - shifts
+        value, after = ascent(shifts + step)
+        while not value > best and np.abs(step).max() > _STANDING * np.ptp(room):
+            step = step / 4
+            value, after = ascent(shifts + step)
+        if not value > best:
+            break
+        change, gained = slope - after, value - best
+        shifts, best, slope = shifts + step, value, after
+        if gained < _GAINED:
+            break
+        curvature = float(step @ change)
+        if curvature > 0:
+            left = np.eye(len(step)) - np.outer(step, change) / curvature
+            H = left @ H @ left.T + np.outer(step, step) / curvature
+    return best, shifts
+
+
+@dataclass(frozen=True)
+class _Cycle:
+    """Along the eigenvectors of the leading eigenvalue lambda of a word's M: the error e at the beginning of each arc
+    and e_end at its end, the costates p and p_end there and p_jump after each sample, (arcs or periods, N), such that
+    d|lambda| = Re p_end' dE e. size: |lambda|. The costates are None where lambda is not simple."""
+
+    size: float
+    e: Any
+    e_end: Any
+    p: Any
+    p_end: Any
+    p_jump: Any
+
+
+def _cycle(E: Array, jumps: Array, ends: Iterable[int]) -> _Cycle | None:
+    """Of the arcs' maps E (arcs, N, N) and the jumps (periods, N, N) after the arcs `ends`; None where it overflows."""
+    after = dict(zip(ends, jumps, strict=True))
+    M = np.eye(E.shape[-1])
+    for s, step in enumerate(E):
+        M = step @ M
+        if s in after:
+            M = after[s] @ M
+    if not np.all(np.isfinite(M)):
+        return None
+    values, vectors = np.linalg.eig(M)
+    top = int(np.argmax(np.abs(values)))
+    size = float(np.abs(values[top]))
+    x = vectors[:, top]
+    try:
+        p = np.linalg.inv(vectors)[top] * (np.conj(values[top]) / size)
+    except (np.linalg.LinAlgError, ZeroDivisionError):
+        return _Cycle(size, None, None, None, None, None)
+    if size == 0.0 or not np.abs(p).max() < _SIMPLE:
+        return _Cycle(size, None, None, None, None, None)
+    e, e_end = np.empty((len(E), len(x)), complex), np.empty((len(E), len(x)), complex)
+    p_start, p_end, p_jump = np.empty_like(e), np.empty_like(e), []
+    for s, step in enumerate(E):
+        e[s], e_end[s] = x, step @ x
+        x = after[s] @ e_end[s] if s in after else e_end[s]
+    for s in range(len(E) - 1, -1, -1):
+        if s in after:
+            p_jump.append(p)
+            p = p @ after[s]
+        p_end[s] = p
+        p_start[s] = p = p @ E[s]
+    return _Cycle(size, e, e_end, p_start, p_end, np.array(p_jump[::-1]))

@@ -8,7 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 from pydantic import BaseModel, ConfigDict
 
@@ -136,7 +136,3 @@ class Family(BaseModel, ABC):
         from cdobs_cli.chart import Exhibits
 
         return Exhibits()
-
-    def envelope(self, plant: Plant, design: Design, check: Check) -> Mapping[str, Any] | None:
-        """A proved bound |e(t)| <= factor |e(0)| exp(-rate t): {"factor": float, "rate": float}, or None."""
-        return None

@@ -206,8 +206,3 @@ class ConstantGain(Family):
         if within is not None and within.way != "open":
             return within
         return confine(plant, self.saturate, self.transients(plant, design), start)
-
-    def envelope(self, plant: Plant, design: Design, check: Check) -> Mapping[str, Any] | None:
-        from cdobs_cli.certify.judge import envelope
-
-        return envelope(self, plant, design)

@@ -1,4 +1,4 @@
-"""Drawing: charts and ladders to SVG and PNG, their data to CSV. The only module that loads matplotlib.
+"""Drawing: charts and ladders to SVG, PNG or PDF, their data to CSV. The only module that loads matplotlib.
 
 Pictures are deterministic: no dates, fixed identifiers, text as paths of fonts that come with matplotlib.
 Colours are those of Okabe and Ito, told apart by people with any colour vision; lines differ in dashes too.
@@ -9,8 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import repeat
 from typing import TYPE_CHECKING, Any
 
@@ -48,36 +47,50 @@ _STYLE: Any = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Drawing:
-    """One figure as files."""
-
-    svg: bytes
-    png: bytes
-    csv: bytes
-
-
-def draw(chart: Chart | Ladder) -> Drawing:
-    """The chart as SVG, PNG and CSV."""
+def draw(chart: Chart | Ladder, formats: Sequence[str] = ("svg",)) -> dict[str, bytes]:
+    """The chart in each of the formats (svg, png, pdf), by format; laid out once."""
     import matplotlib as mpl
 
     with mpl.rc_context(_STYLE):
-        if isinstance(chart, Ladder):
-            return Drawing(*_pictures(_ladder_figure(chart)), ladder_csv(chart))
-        return Drawing(*_pictures(_chart_figure(chart)), chart_csv(chart))
+        figure = _ladder_figure(chart) if isinstance(chart, Ladder) else _chart_figure(chart)
+        pictures = {}
+        for one in formats:
+            pictures[one] = _PRINTED[one](figure)
+            figure.set_layout_engine("none")  # where everything stands is the same in every format
+        return pictures
 
 
-def _pictures(figure: Figure) -> tuple[bytes, bytes]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+def data_csv(chart: Chart | Ladder) -> bytes:
+    """What is drawn, as CSV."""
+    return ladder_csv(chart) if isinstance(chart, Ladder) else chart_csv(chart)
+
+
+def _svg(figure: Figure) -> bytes:
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
-    svg, png = io.BytesIO(), io.BytesIO()
-    svg_canvas: Any = FigureCanvasSVG(figure)
-    svg_canvas.print_svg(svg, metadata={"Date": None, "Creator": None})
+    return _printed(FigureCanvasSVG(figure).print_svg, {"Date": None, "Creator": None})
+
+
+def _png(figure: Figure) -> bytes:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
     figure.set_dpi(200)
-    png_canvas: Any = FigureCanvasAgg(figure)
-    png_canvas.print_png(png, metadata={"Software": None})
-    return svg.getvalue(), png.getvalue()
+    return _printed(FigureCanvasAgg(figure).print_png, {"Software": None})
+
+
+def _pdf(figure: Figure) -> bytes:
+    from matplotlib.backends.backend_pdf import FigureCanvasPdf
+
+    return _printed(FigureCanvasPdf(figure).print_pdf, {"CreationDate": None, "Creator": None, "Producer": None})
+
+
+def _printed(print_to: Callable[..., Any], metadata: Mapping[str, None]) -> bytes:
+    content = io.BytesIO()
+    print_to(content, metadata=metadata)
+    return content.getvalue()
+
+
+_PRINTED: Mapping[str, Callable[[Figure], bytes]] = {"svg": _svg, "png": _png, "pdf": _pdf}
 
 
 # ---------------------------------------------------------------- data

@@ -57,7 +57,8 @@ def bound_title(name: str) -> str:
 class Report:
     """Everything that a report says, assembled and not yet written.
 
-    expectations: (what was expected, whether it holds, what was found). signals: of the inputs in the simulation. What
+    expectations: (what was expected, whether it holds, what was found). signals: of the inputs in the simulation.
+    formats: of the figures. What
     is costly (exhibits, charts, equations, versions) is made when first asked for: a terminal's summary needs none of
     it.
     """
@@ -76,6 +77,7 @@ class Report:
     digests: Mapping[str, str] = field(default_factory=dict)
     signals: Mapping[str, Expression] = field(default_factory=dict)
     labels: Labels = field(default_factory=Labels)
+    formats: tuple[str, ...] = ("svg",)
 
     @cached_property
     def exhibits(self) -> Exhibits:
@@ -114,7 +116,7 @@ class Report:
         if self.run is None:
             return ()
         checked = self.check if self.design.outcome != "none" else None
-        envelope = None if checked is None else self.family.envelope(self.plant, self.design, checked)
+        envelope = None if checked is None else checked.envelope
         bounds = {} if checked is None else checked.bounds
         charts = run_charts(self.plant, self.run, envelope, self.coordinates, bounds)
         return tuple(self.labels.chart(one, self._axes) for one in charts)

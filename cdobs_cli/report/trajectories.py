@@ -35,7 +35,7 @@ def axis_name(name: str) -> str:
 
 
 def run_charts(
-    plant: Plant, run: Run, envelope: Mapping[str, Any] | None = None, coordinates: Coordinates | None = None,
+    plant: Plant, run: Run, envelope: Mapping[str, str] | None = None, coordinates: Coordinates | None = None,
     bounds: Mapping[str, Bound] | None = None,
 ) -> tuple[Chart, ...]:  # fmt: skip
     """The common charts of a run; the first trajectory stands for the states, all of them for the error."""
@@ -104,7 +104,7 @@ def _estimates(trajectory: Trajectory, j: int) -> tuple[Series, ...]:
     return tuple(Series(name, trajectory.t, values[:, j], "line", "other") for name, values in estimates.items())
 
 
-def error_chart(run: Run, envelope: Mapping[str, Any] | None) -> Chart | None:
+def error_chart(run: Run, envelope: Mapping[str, str] | None) -> Chart | None:
     """|x - x_hat| on a logarithmic axis, with factor |e(0)| exp(-rate t) where that is proved; None without
     a point estimate."""
     first = run.trajectories[0]
@@ -119,7 +119,7 @@ def error_chart(run: Run, envelope: Mapping[str, Any] | None) -> Chart | None:
         label = "error" if len(shown) == 1 else f"error, run {index + 1}"
         series.append(Series(label, trajectory.t, error, "line", "estimate"))
     caption = "Norm of the estimation error."
-    if envelope is not None and start > 0:
+    if envelope and start > 0:
         t = np.linspace(float(first.t[0]), float(first.t[-1]), 200)
         bound = float(envelope["factor"]) * start * np.exp(-float(envelope["rate"]) * (t - t[0]))
         # Far below the errors of a noisy run it would only press them together.

@@ -31,6 +31,7 @@ from cdobs_cli.spec.measurement_block import MeasurementBlock, measurement_probl
 from cdobs_cli.spec.plant_block import MAX_PARAMETERS, LabelsBlock, PlantBlock, plant_problems, typed_plant
 from cdobs_cli.spec.plant_file import read_plant_file
 from cdobs_cli.spec.reader import MAX_PROBLEMS, Document, FieldPath, read, shown
+from cdobs_cli.spec.report_block import ReportBlock
 from cdobs_cli.spec.simulation_block import SimulationBlock, plan, simulation_problems
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ class Header(Block):
     measurement: Any = None
     observer: Any = None
     simulation: Any = None
+    report: Any = None
     expect: Any = None
 
 
@@ -59,7 +61,7 @@ class Spec:
     coordinates: the way back to the states that the user typed, where `plant` and `simulation` are not in them;
     signals: of the inputs, over the estimates of the states that the user typed. labels: of units; results do not
     depend on them. choice: what the observer is chosen from, where the spec leaves that open; `observer` is the first
-    that takes the plant until then.
+    that takes the plant until then. figures: the formats that are drawn.
     """
 
     title: str
@@ -74,6 +76,7 @@ class Spec:
     signals: Mapping[str, Expression] = field(default_factory=dict)
     labels: Labels = field(default_factory=Labels)
     choice: Choice | None = None
+    figures: tuple[str, ...] = ("svg",)
 
     def chosen(self, family: str) -> Spec:
         """With a family of the choice as its observer; the spec itself where its family was typed."""
@@ -208,6 +211,7 @@ class _Loader:
                 disturbed=plant is None or plant.disturbance is not None or "disturbance" in plant_wrong,
                 noisy=measurement is None or measurement.noise is not None or "noise" in measurement_wrong, law=law,
             )  # fmt: skip
+        report, _ = self.section(ReportBlock, root.get("report"), "report", {})
         expect = self.expectations(root.get("expect"))
         if self.failed:
             raise self.fail()
@@ -234,7 +238,7 @@ class _Loader:
             source_path=self.path, document=self.document,
             typed=typed if isinstance(typed, TypedDynamics) else None, coordinates=coordinates,
             signals={} if asked is None else asked.inputs, labels=labels,
-            choice=choice,
+            choice=choice, figures=(report or ReportBlock()).figures,
         )  # fmt: skip
 
     def labels(self, typed: Any, plant: PlantBlock | None) -> Labels:

@@ -12,6 +12,7 @@ from cdobs_cli.spec.auto_block import AUTO, AutoBlock
 from cdobs_cli.spec.expect import ExpectBlock
 from cdobs_cli.spec.measurement_block import MeasurementBlock
 from cdobs_cli.spec.plant_block import PlantBlock
+from cdobs_cli.spec.report_block import ReportBlock
 from cdobs_cli.spec.simulation_block import SimulationBlock
 
 DRAFT = "http://json-schema.org/draft-07/schema#"
@@ -21,7 +22,8 @@ _TEMPLATE = "#/definitions/{model}"
 def json_schema() -> dict[str, Any]:
     """The whole schema. Editors that speak draft-07 (YAML language server, VS Code) take it as it is."""
     families: dict[str, type[Any]] = {**FAMILIES, AUTO: AutoBlock}
-    blocks: list[type[Any]] = [PlantBlock, MeasurementBlock, SimulationBlock, ExpectBlock, *families.values()]
+    own = (PlantBlock, MeasurementBlock, SimulationBlock, ReportBlock, ExpectBlock)
+    blocks: list[type[Any]] = [*own, *families.values()]
     names, schema = models_json_schema([(block, "validation") for block in blocks], ref_template=_TEMPLATE)
     definitions = schema["$defs"]
     refs = {block: names[(block, "validation")] for block in blocks}
@@ -42,6 +44,7 @@ def json_schema() -> dict[str, Any]:
             "plant": {"anyOf": [refs[PlantBlock], plant_file]}, "measurement": refs[MeasurementBlock],
             "observer": _by_family(refs, families),
             "simulation": {"anyOf": [refs[SimulationBlock], {"type": "null"}]},
+            "report": {"anyOf": [refs[ReportBlock], {"type": "null"}]},
             "expect": {"anyOf": [{"type": "array", "items": refs[ExpectBlock]}, {"type": "null"}]},
         },
         "required": ["spec_version", "plant", "measurement"], "additionalProperties": False,

@@ -71,7 +71,7 @@ def growth(largest: int, effort: int, folder: Path) -> None:
 def draw_growth(found: list[dict], folder: Path) -> None:
     """Seconds, inequalities and memory against n: clock_growth.svg, .png, .csv."""
     from cdobs_cli.chart import Chart, Panel, Series
-    from cdobs_cli.report.figures import draw
+    from cdobs_cli.report.drawings import figure_files
 
     quantities = {
         "search_s": "search (s)",
@@ -90,11 +90,11 @@ def draw_growth(found: list[dict], folder: Path) -> None:
         for name, text in quantities.items()
     )
     folder.mkdir(parents=True, exist_ok=True)
-    drawing = draw(
-        Chart("clock_growth", "Growth with the number of states", "The largest period found, at one effort.", panels)
+    chart = Chart(
+        "clock_growth", "Growth with the number of states", "The largest period found, at one effort.", panels
     )
-    for ending in ("svg", "png", "csv"):
-        (folder / f"clock_growth.{ending}").write_bytes(getattr(drawing, ending))
+    for ending, content in figure_files(chart, ("svg", "png")).items():
+        (folder / f"clock_growth.{ending}").write_bytes(content)
 
 
 def direct(steps: int = 40) -> None:

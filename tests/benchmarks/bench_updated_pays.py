@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "baselines"))
 from updating import METHODS, Comparison, fewest, front
 
 from cdobs_cli.chart import Chart, Panel, Series
-from cdobs_cli.report.figures import draw
+from cdobs_cli.report.drawings import figure_files
 
 ALPHAS = ("0.3", "0.6", "0.9", "1.2")
 A_2S = ("0.05", "0.1", "0.2", "0.3", "0.5", "1")
@@ -57,12 +57,10 @@ def main(runs, folder):
         if kept
     )
     panel = Panel("measurements a run", "error, root mean square", series, "log", "log")
-    drawing = draw(
-        Chart("updating_pays", "Measurements against error", "Fronts over the settings of each method.", (panel,))
-    )
+    chart = Chart("updating_pays", "Measurements against error", "Fronts over the settings of each method.", (panel,))
     folder.mkdir(parents=True, exist_ok=True)
-    for ending in ("svg", "png", "csv"):
-        (folder / f"updating_pays.{ending}").write_bytes(getattr(drawing, ending))
+    for ending, content in figure_files(chart, ("svg", "png")).items():
+        (folder / f"updating_pays.{ending}").write_bytes(content)
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from designing import designed
 from example_inclusions import aperiodic, canonical, held, impulsive, periodic, plant
 from fifth_family import Copy
 from toy_method import MaximumNorm
@@ -77,7 +78,7 @@ def test_a_toy_method_is_a_rung_of_the_ladder(tmp_path: Path) -> None:
     assert length("toy_method.py") <= 60
     small = plant([[0.1, 0], [0, 0.2]], [[0, 0], [-0.1, 0]], [[0, 0], [0.1, 0]], [[1, 0], [0, 1]], periodic("0.5"))
     card = Measured.model_validate({"family": "copy", "gain": {"K": ExactMatrix([["0.9", 0], [0, "0.9"]])}})
-    design = card.synthesize(small, 0)
+    design = designed(card, small, 0)
     assert {"maximum_norm", "clock"} <= {certificate.method for certificate in design.certificates}
     made = card.certify(small, design, 0)
     assert made.claim("maximum_norm").status == "proved"

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 from command import Cdobs
+from designing import designed
 
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify.methods.any_gain import NoGain
@@ -48,7 +49,7 @@ def test_a_certificate_of_another_law_moves_no_bound(name, gain):
         for low in ("1", "0.1")
     )
     names = {method.name for method in GENERAL.methods}
-    stored = card.synthesize(at, 0).certificates
+    stored = designed(card, at, 0).certificates
     clocks = tuple(c for c in stored if c.method in names and c.sampling.T_max == Exact("1.2"))
     assert (
         card.certify(at, Design(name, "given", at.sampling, dict(card.gain), clocks), 0).bounds["period_max"].proved
@@ -80,7 +81,7 @@ def test_half_periods_of_an_oscillator_end_in_a_finding(T):
         LpvZeroOrderHold.model_validate({"family": "lpv_zoh"}),
         Reachability.model_validate({"family": "reachability"}),
     ):
-        design = card.synthesize(at, 0)
+        design = designed(card, at, 0)
         assert design.outcome == "none" and design.reason
         assert card.certify(at, design, 0).verdict != "proved"
 

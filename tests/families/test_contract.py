@@ -11,6 +11,7 @@ from fractions import Fraction
 from pathlib import Path
 
 import pytest
+from designing import designed
 
 from cdobs_cli.certificate import Check
 from cdobs_cli.design import Design
@@ -27,7 +28,7 @@ def example(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     path = tmp_path_factory.mktemp(request.param) / "example.yaml"
     path.write_text(FAMILIES[request.param].example())
     spec = load(path)
-    design = spec.observer.synthesize(spec.plant, 1)
+    design = designed(spec.observer, spec.plant, 1)
     return spec, design, spec.observer.certify(spec.plant, design, 1)
 
 

@@ -15,6 +15,7 @@ def report() -> Report:
 
 @pytest.fixture(scope="session")
 def files(report: Report) -> dict[str, bytes]:
+    from cdobs_cli.report.drawings import Drawings
     from cdobs_cli.report.files import render
 
-    return render(report)
+    return render(report, Drawings(lambda _: None))

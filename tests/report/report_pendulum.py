@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -57,9 +57,6 @@ class Copying(Family):
         )
         return Exhibits((chart,), (table,), ("The reachable set is a box.",))
 
-    def envelope(self, plant: Plant, design: Design, check: Check) -> Mapping[str, Any] | None:
-        return {"factor": 2.0, "rate": 0.5}
-
 
 def make_plant() -> Plant:
     return Plant(
@@ -109,7 +106,7 @@ def make_check() -> Check:
             "period_max_any_gain": Bound(None, "inf", "s", None, "every gain"),
             "delta_star": Bound("1.57079632679", "1.5707963268", "s", "closed form", "the class"),
         },
-        {"check": "c" * 64},
+        {"check": "c" * 64}, envelope={"factor": "2", "rate": "0.5"},
     )  # fmt: skip
 
 

@@ -15,6 +15,7 @@ from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.labels import Labels
 from cdobs_cli.report.accuracy import accuracy
 from cdobs_cli.report.blocks import Grid
+from cdobs_cli.report.drawings import Drawings
 from cdobs_cli.report.figures import chart_csv, draw
 from cdobs_cli.report.files import render
 from cdobs_cli.report.model import Report
@@ -100,7 +101,7 @@ def test_axes_are_for_what_is_left_after_the_transient() -> None:
     assert chart is not None
     (low, high), (lower, upper) = (panel.y_range or (0, 0) for panel in chart.panels)
     assert high == pytest.approx(1.3 * 0.015, rel=0.2) and low == -high and lower == -upper
-    assert draw(chart).png.startswith(b"\x89PNG")
+    assert draw(chart, ("png",))["png"].startswith(b"\x89PNG")
 
 
 def test_hostile_errors_do_not_break_the_drawing() -> None:
@@ -110,11 +111,11 @@ def test_hostile_errors_do_not_break_the_drawing() -> None:
         odd = replace(run, filtered=Filtered(run.trajectories[0].t, error))
         for bounds in (PEAKS, {"error.theta": Bound("inf", None, "rad", better="less")}, {}):
             chart = accuracy_chart(make_plant(), odd, bounds)
-            assert chart is not None and draw(chart).svg
+            assert chart is not None and draw(chart)["svg"]
 
 
 def test_the_page_holds_table_figure_and_covariance() -> None:
-    files = render(reported(compared_run(), PEAKS))
+    files = render(reported(compared_run(), PEAKS), Drawings(lambda _: None))
     page, text = files["report.html"].decode(), files["report.md"].decode()
     assert (
         "<svg" in page

@@ -7,6 +7,7 @@ import io
 import math
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,8 +15,8 @@ from report_pendulum import make_check, make_plant, make_report, make_run
 
 from cdobs_cli.certificate import Bound
 from cdobs_cli.chart import Chart, Panel, Series
+from cdobs_cli.report.drawings import RECORD, Drawings
 from cdobs_cli.report.figures import chart_csv, draw, ladder_csv
-from cdobs_cli.report.files import figures_of_run
 from cdobs_cli.report.ladder import period_ladder
 from cdobs_cli.report.trajectories import axis_name, run_charts
 from cdobs_cli.report.witnesses import witness_charts
@@ -30,16 +31,16 @@ def chart(*series: Series, scale: str = "linear", label: str = "y") -> Chart:
 
 
 def test_pictures_are_deterministic() -> None:
-    one, other = (draw(run_charts(make_plant(), make_run())[0]) for _ in range(2))
+    one, other = (draw(run_charts(make_plant(), make_run())[0], ("svg", "png", "pdf")) for _ in range(2))
     assert one == other
-    assert one.png.startswith(b"\x89PNG")
-    assert b"<text" not in one.svg, "text is drawn as paths"
-    assert b"dc:date" not in one.svg
+    assert one["png"].startswith(b"\x89PNG")
+    assert b"<text" not in one["svg"], "text is drawn as paths"
+    assert b"dc:date" not in one["svg"]
 
 
 def test_csv_holds_what_is_drawn() -> None:
     run = make_run()
-    states, error = run_charts(make_plant(), run, {"factor": 2.0, "rate": 0.5})
+    states, error = run_charts(make_plant(), run, {"factor": "2.0", "rate": "0.5"})
     table = rows(chart_csv(states))
     theta = [row for row in table if row["panel"] == "1" and row["series"] == "state"]
     assert [float(row["x"]) for row in theta] == list(run.trajectories[0].t)
@@ -70,17 +71,17 @@ def test_csv_of_bands_limits_and_marks() -> None:
 @pytest.mark.parametrize("scale", ["linear", "log"])
 def test_every_kind_is_drawn(kind: str, scale: str) -> None:
     x, y = np.linspace(0, 1, 5), np.array([0.0, -1.0, np.nan, 1e300, 2.0])
-    assert draw(chart(Series("s", x, y, kind, y2=y + 1), scale=scale)).svg  # type: ignore[arg-type]
+    assert draw(chart(Series("s", x, y, kind, y2=y + 1), scale=scale))["svg"]  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("values", [[], [math.nan], [0.0, 0.0], [1e-300, 1e-300], [-1.0, -2.0]])
 def test_data_that_an_axis_cannot_show(values: list[float]) -> None:
-    assert draw(chart(Series("s", list(range(len(values))), values), scale="log")).png
+    assert draw(chart(Series("s", list(range(len(values))), values), scale="log"), ("png",))["png"]
 
 
 @pytest.mark.parametrize("label", ["$", "$a", r"$\frac{$", "a_b", r"$\theta$", "$100 and $200", "<b>&"])
 def test_any_label_can_be_drawn(label: str) -> None:
-    assert draw(chart(Series(label, [0.0, 1.0], [0.0, 1.0]), label=label)).svg
+    assert draw(chart(Series(label, [0.0, 1.0], [0.0, 1.0]), label=label))["svg"]
 
 
 def test_axis_names() -> None:
@@ -89,9 +90,38 @@ def test_axis_names() -> None:
     assert axis_name("glucose") == "glucose"
 
 
-def test_many_runs_and_few_points() -> None:
-    names = {f"figures/{name}.{end}" for name in ("states", "error") for end in ("svg", "png", "csv")}
-    assert set(figures_of_run(make_report(check=make_check(), run=make_run(30)))) == names
+def in_memory(files: dict[str, bytes]) -> Drawings:
+    return Drawings.of(files.get)
+
+
+def test_a_figure_is_drawn_once_and_again_where_its_data_its_formats_or_its_files_change(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    charts = make_report(check=make_check(), run=make_run(30)).run_charts
+    files: dict[str, bytes] = {}
+    pictures, new = in_memory(files).drawn(charts, ("svg",))
+    files |= new
+    assert set(new) == {f"figures/{name}.{end}" for name in ("states", "error") for end in ("svg", "csv")} | {RECORD}
+    with monkeypatch.context() as patch:
+        patch.setattr("cdobs_cli.report.figures.draw", lambda *_: pytest.fail("is drawn again"))
+        assert in_memory(files).drawn(charts, ("svg",)) == (pictures, {})
+
+    first, second = charts
+    x = np.array(first.panels[0].series[0].x)
+    x[-1] = np.nextafter(x[-1], 100)
+    series = replace(first.panels[0].series[0], x=x)
+    moved = replace(first, panels=(replace(first.panels[0], series=(series,)), *first.panels[1:]))
+    assert f"figures/{first.name}.svg" in in_memory(files).drawn([moved, second], ("svg",))[1]
+    assert f"figures/{first.name}.svg" in in_memory(files).drawn([replace(first, title="x")], ("svg",))[1]
+    assert {f"figures/{one.name}.pdf" for one in charts} < set(in_memory(files).drawn(charts, ("svg", "pdf"))[1])
+    edited = files | {f"figures/{first.name}.svg": b"<svg/>"}
+    again, mended = in_memory(edited).drawn(charts, ("svg",))
+    assert again == pictures and set(mended) == {f"figures/{first.name}.{end}" for end in ("svg", "csv")} | {RECORD}
+
+
+@pytest.mark.parametrize("record", [b"", b"[]", b"{", b'{"states": 1}', b'{"states": ["a", {}, 3]}', b"\xff"])
+def test_a_record_that_nobody_wrote_means_that_nothing_is_drawn(record: bytes) -> None:
+    assert in_memory({RECORD: record}).known == {}
 
 
 def test_ladder() -> None:
@@ -107,7 +137,7 @@ def test_ladder() -> None:
     assert ladder is not None
     assert [rung.label for rung in ladder.rungs] == ["this gain", "slow", "fast", "lmi 15"]
     assert ladder_csv(ladder) == b"method,proved,refuted\nthis gain,1.7,1.8\nslow,0.02,\nfast,1.7,1.8\nlmi 15,0.39,\n"
-    assert draw(ladder).svg
+    assert draw(ladder)["svg"]
     assert period_ladder({"delta_star": Bound("1.5", "1.6")}) is None
 
 

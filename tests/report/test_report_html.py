@@ -11,6 +11,7 @@ import pytest
 from report_pendulum import HOSTILE, make_check, make_report
 
 from cdobs_cli.certificate import Bound
+from cdobs_cli.report.drawings import Drawings
 from cdobs_cli.report.files import render
 from cdobs_cli.report.index import IndexEntry, index_page
 from cdobs_cli.report.model import Report
@@ -97,13 +98,13 @@ def test_what_the_page_says(files: dict[str, bytes], word: str) -> None:
 
 
 def test_a_report_without_check_or_run_says_so() -> None:
-    files = render(make_report())
+    files = render(make_report(), Drawings(lambda _: None))
     assert "not checked" in files["report.html"].decode()
     checked(files["report.html"])
     assert set(files) == {
         "report.md",
         "report.html",
-        *(f"figures/period_slope.{suffix}" for suffix in ("svg", "png", "csv")),
+        *(f"figures/{name}" for name in ("period_slope.svg", "period_slope.csv", ".drawn.json")),
     }
 
 

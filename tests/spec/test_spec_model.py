@@ -112,7 +112,7 @@ def test_minimal_spec(write):
 MISTAKES = [
     ("spec_version: 1", "spec_version: 2", '1:15: spec_version: one of a few values is expected; got 2; allowed: 1'),
     ("spec_version: 1\n", "", "1:1: spec_version: is required"),
-    ("title: Pendulum", "titel: Pendulum", "2:1: titel: unknown key; allowed: expect, measurement, observer, plant, simulation, spec_version, title; did you mean 'title'?"),
+    ("title: Pendulum", "titel: Pendulum", "2:1: titel: unknown key; allowed: expect, measurement, observer, plant, report, simulation, spec_version, title; did you mean 'title'?"),
     ("title: Pendulum", "title: 3.5", "2:8: title: text is expected, put it in quotes; got 3.5"),
     ("title: Pendulum", "title: 2014", "2:8: title: text is expected; got 2014; put it in quotes"),
     ("states: [theta, omega]", "states: [theta, 2x]", '4:19: plant.states[1]: a name is a letter followed by letters, digits and _, at most 32 in all; got "2x"'),

@@ -29,9 +29,12 @@ if TYPE_CHECKING:
 # What the data of a certificate that nobody wrote come to.
 UNREADABLE = (KeyError, TypeError, ValueError, IndexError, ExpressionError, ZeroDivisionError, OverflowError)
 # Which question a method answers: do errors decay, at a rate; has some gain a proof;
-# does every gain fail; do a paper's conditions hold;
-# how large do they stay, at most or in mean square.
-Reach = Literal["convergence", "some gain", "no gain", "printed conditions", "error bound", "mean square"]
+# does this gain fail, or every one; do a paper's conditions hold;
+# how large do errors stay, at most or in mean square, and how large does one become.
+Reach = Literal[
+    "convergence", "some gain", "no convergence", "no gain", "printed conditions", "error bound", "mean square",
+    "error attained",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -200,10 +203,15 @@ class Method(ABC):
         """The largest law that the certificate speaks about."""
         return self.law
 
+    @property
+    def sentence(self) -> str:
+        """What it says, without the law."""
+        return self.statement
+
     def claims(self, question: Question, proof: Proof) -> list[Claim]:
         """The claims about a certificate of the design's own gain and law; the first is what `convergence` rests on."""
         margin = lower_text(proof.rate, 6) if proof.holds and proof.rate > 0 else None
-        statement = f"{self.statement}, sampling {self.covers.words}."
+        statement = f"{self.sentence}, sampling {self.covers.words}."
         status: Any = "proved" if proof.holds else "undecided"
         return [Claim(self.rung, "certificate", status, statement, self.source, margin=margin, method=self.how)]
 
@@ -227,9 +235,9 @@ class Method(ABC):
         """c with |e(t)| <= c |e(0)| exp(-rate t) of a proved certificate; None where none is known."""
         return None
 
-    def lost_by_every_gain(self, question: Question) -> tuple[Exact, str] | None:
-        """A period just above the method's own at which every gain is proved to fail, and the sentence that says how;
-        None where the method is not exact over all gains."""
+    def lost_by_every_gain(self, question: Question) -> Method | None:
+        """That every gain fails at a period just above the method's own; None where this method is not exact over all
+        gains, or that is not shown."""
         return None
 
     def certificate(self, gain: Mapping[str, ExactMatrix] | None = None) -> Certificate:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Protocol
 
+from cdobs_cli import progress
 from cdobs_cli.certify import search
 from cdobs_cli.certify.linear import is_linear
 from cdobs_cli.certify.methods.base import Method, Question
@@ -46,7 +47,9 @@ class One:
         return self.method.rung
 
     def propose(self, question: Question) -> Method | None:
-        return self.method.propose(question) if self.method.applies(question) else None
+        return _told(
+            lambda: self.method.propose(question) if self.method.applies(question) else None, self.name, question
+        )
 
     def longest(self, question: Question, share: float = 0.0) -> Method | None:
         return longest_at(self, question, share) if share or question.rate else self.method.longest(question)
@@ -63,7 +66,7 @@ class General:
 
     def propose(self, question: Question) -> Method | None:
         proposals = (method.propose(question) for method in self.methods if method.applies(question))
-        return next((proposal for proposal in proposals if proposal is not None), None)
+        return _told(lambda: next((one for one in proposals if one is not None), None), self.name, question)
 
     def longest(self, question: Question, share: float = 0.0) -> Method | None:
         if share or question.rate:
@@ -78,6 +81,17 @@ class General:
 
 
 GENERAL = General()
+
+
+def _told(propose: Callable[[], Method | None], name: str, question: Question) -> Method | None:
+    """What is proposed; whoever waits is told what is tried, and what is proved."""
+    rate = f" at rate {float(question.rate):.4g}" if question.rate else ""
+    words = f"{name}, T = {float(question.law.T_max):.6g}{rate}"
+    progress.doing(words)
+    method = propose()
+    if method is not None:
+        progress.proved(words)
+    return method
 
 
 def longest_at(rung: Rung, question: Question, share: float = 0.0, *, quick: bool = False) -> Method | None:

@@ -99,11 +99,12 @@ class Reachability(ConstantGain):
     def methods(self) -> tuple[type[Method], ...]:
         from cdobs_cli.certify.methods.dead_beat import EveryPeriod
         from cdobs_cli.certify.methods.open_loop import OpenLoop, Uncorrected
+        from cdobs_cli.certify.methods.planar.every_gain import CellsOfGains
         from cdobs_cli.certify.methods.planar.extremals import Planar
         from cdobs_cli.certify.methods.rung import GENERAL
         from cdobs_cli.families.reachability.certificate import ReachableSet
 
-        return (ReachableSet, *GENERAL.methods, Planar, OpenLoop, Uncorrected, EveryPeriod)
+        return (ReachableSet, *GENERAL.methods, Planar, CellsOfGains, OpenLoop, Uncorrected, EveryPeriod)
 
     def rungs(self, question: Question) -> Sequence[Rung]:
         from cdobs_cli.families.reachability.search_plan import rungs

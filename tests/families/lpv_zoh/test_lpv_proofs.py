@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from designing import designed
 from lpv_asking import asked, of_every_gain
 from lpv_plants import family, linear_class, sine, up_to
 
@@ -62,7 +63,7 @@ def test_any_gain_is_the_best_of_everything_proved():
     """A gain found for a rate at a short period is not the one that lasts longest: the curve's last point is."""
     plant = sine(up_to("0.4"))
     card = family(method="wirtinger", objective="decay_rate")
-    design = card.synthesize(plant, 1)
+    design = designed(card, plant, 1)
     check = card.certify(plant, design, 1)
     some, own = (float(check.bounds[name].proved) for name in ("period_max_any_gain", "period_max"))
     last = design.front[-1]
@@ -72,7 +73,7 @@ def test_any_gain_is_the_best_of_everything_proved():
     assert rates == sorted(rates, reverse=True)
     claim = check.claim("period_max_any_gain.wirtinger")
     assert claim.status == "proved"
-    assert card.envelope(plant, design, check)["rate"] > 0
+    assert float(check.envelope["rate"]) > 0
     # Another gain's certificate proves nothing of the design's own, and nothing where it is damaged.
     other = next(c for c in design.certificates if "L" in c.data)
     for data in ({**other.data, "L": [["5"], ["5"]]}, {**other.data, "L": "x"}, {**other.data, "L": [["1"]]}):
@@ -92,7 +93,7 @@ def test_what_is_never_seen_is_refuted_at_once(objective, monkeypatch):
     for search in ("_candidates", "_certified"):  # nothing is looked for
         monkeypatch.setattr(designs._Synthesis, search, None)
     for card in (family(objective=objective), family(objective=objective, gain={"L": [["1"], ["1"]]})):
-        design = card.synthesize(plant, 1)
+        design = designed(card, plant, 1)
         check = card.certify(plant, design, 1)
         convergence = check.claim("convergence")
         assert convergence.status == check.verdict == "refuted"
@@ -106,7 +107,7 @@ def test_what_is_never_seen_is_refuted_at_once(objective, monkeypatch):
 def test_pathological_sampling_is_refuted_for_every_gain():
     plant = linear_class([["0", "1"], ["-1", "0"]], [["1", "0"]], {}, SamplingLaw.periodic(Exact("pi")))
     for card in (family(), family(gain={"L": [["0.5"], ["0.1"]]})):
-        check = card.certify(plant, card.synthesize(plant, 0), 0)
+        check = card.certify(plant, designed(card, plant, 0), 0)
         assert check.verdict == "refuted"
         witness = check.claim("convergence").witness
         assert (witness.kind, witness.about, witness.times, witness.data["direction"]) == (
@@ -117,7 +118,7 @@ def test_pathological_sampling_is_refuted_for_every_gain():
         )
     nearby = replace(plant, sampling=SamplingLaw.periodic(Exact("3")))
     assert (
-        family().certify(nearby, family(gain={"L": [["0.2"], ["0.1"]]}).synthesize(nearby, 0), 0).claim("every_gain")
+        family().certify(nearby, designed(family(gain={"L": [["0.2"], ["0.1"]]}), nearby, 0), 0).claim("every_gain")
         is None
     )
 
@@ -125,7 +126,7 @@ def test_pathological_sampling_is_refuted_for_every_gain():
 def test_two_held_outputs_of_a_linear_plant():
     plant = linear_class([["-2", "0"], ["0", "-0.9"]], [["1", "0"], ["0", "1"]], {}, up_to("1"))
     card = family(gain={"L": [["1", "0"], ["1", "1"]]})
-    check = card.certify(plant, card.synthesize(plant, 0), 0)
+    check = card.certify(plant, designed(card, plant, 0), 0)
     bound = check.bounds["period_max"]
     assert check.verdict == "proved"
     assert 3.25 < float(bound.proved) < float(bound.refuted) < 3.28
@@ -137,6 +138,6 @@ def test_two_held_outputs_of_a_linear_plant():
 def test_a_held_dead_beat_has_no_finite_rate():
     plant = linear_class([["0"]], [["1"]], {}, SamplingLaw.periodic(Exact("0.5")))
     card = family(gain={"L": [["2"]]})
-    check = card.certify(plant, card.synthesize(plant, 0), 0)
+    check = card.certify(plant, designed(card, plant, 0), 0)
     assert check.verdict == "proved"
     assert check.bounds["decay_rate"].proved == check.claim("convergence").margin == "inf"

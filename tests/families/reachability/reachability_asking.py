@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+from designing import designed
+
 from cdobs_cli.certificate import Check
 from cdobs_cli.certify.methods.base import Question, read
 from cdobs_cli.design import Design
@@ -19,7 +21,7 @@ Case = tuple[Reachability, Plant]
 
 def run(family: Reachability, p: Plant, effort: int = 1) -> tuple[Design, Check]:
     """Both verbs."""
-    design = family.synthesize(p, effort)
+    design = designed(family, p, effort)
     return design, family.certify(p, design, effort)
 
 

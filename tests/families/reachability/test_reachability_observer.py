@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from designing import designed
 from reachability_plants import symmetric_chain
 
 from cdobs_cli.certificate import Check
@@ -26,9 +27,9 @@ def nonlinear(n, T):
 @pytest.mark.parametrize(("n", "T"), [(2, "0.6"), (3, "0.7")])
 def test_the_error_stays_under_the_proved_envelope_and_V_under_its_bound(n, T):
     family, p = Reachability(method="set"), nonlinear(n, T)
-    design = family.synthesize(p, 0)
+    design = designed(family, p, 0)
     check = family.certify(p, design, 0)
-    envelope = family.envelope(p, design, check)
+    envelope = {name: float(text) for name, text in check.envelope.items()}
     plan = SimulationPlan(
         Exact(8), tuple(Exact(1) for _ in range(n)), initial_estimate=tuple(Exact(0) for _ in range(n))
     )
@@ -52,7 +53,7 @@ def test_the_error_stays_under_the_proved_envelope_and_V_under_its_bound(n, T):
 
 def test_the_jump_is_the_papers():
     family, p = Reachability(gain={"K": [["1"], ["1.5"]]}), nonlinear(2, "0.6")
-    observer = family.observer(p, family.synthesize(p, 0))
+    observer = family.observer(p, designed(family, p, 0))
     env = {"hat.x0": 2.0, "hat.x1": -1.0, "y.0": 5.0}
     from cdobs_cli.exact.compiled import compile_floats
 
@@ -62,7 +63,7 @@ def test_the_jump_is_the_papers():
 
 def test_the_feasible_period_falls_with_the_slopes():
     family, p = Reachability(method="set"), nonlinear(2, "0.6")
-    design = family.synthesize(p, 0)
+    design = designed(family, p, 0)
     (chart,) = (c for c in family.exhibits(p, design, None, None).charts if c.name == "feasible_period")
     curves = {series.label: series for series in chart.panels[0].series}
     periods = curves["largest period of the set"]

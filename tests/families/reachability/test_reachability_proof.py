@@ -8,6 +8,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from designing import designed
 from reachability_asking import found, longest_of
 from reachability_brute import histories, inequality_13, radius
 from reachability_plants import PRINTED, chain, feedforward, plant, symmetric_chain
@@ -175,7 +176,7 @@ def test_time_scaling_gives_the_same_design():
 
 def test_a_stored_design_is_proved_again():
     family, p = Reachability(), symmetric_chain((1, 0), "0.6")
-    design = family.synthesize(p, 0)
+    design = designed(family, p, 0)
     again = Design.from_document(json.loads(json.dumps(design.document())))
     assert family.certify(p, again, 0).verdict == "proved"
     flipped = replace(again, gain={"K": ExactMatrix([["1"], ["4.6739"]])})

@@ -79,18 +79,10 @@ class Planar(Method):
         limit = (fraction_ball(sigma * delta) * -1).exp()
         return Proof.of(extremals is not None and extremals.proves(K_2 * b, limit), sigma)
 
-    def lost_by_every_gain(self, question: Question) -> tuple[Exact, str] | None:
-        from cdobs_cli.certify.methods.planar.every_gain import period_lost_by_every_gain
+    def lost_by_every_gain(self, question: Question) -> Method | None:
+        from cdobs_cli.certify.methods.planar.every_gain import CellsOfGains
 
-        lost = period_lost_by_every_gain(lambda T: question.at(T).inclusion, self.law.T_max, question.effort)
-        if lost is None:
-            return None
-        T, refutation = lost
-        return T, (
-            f"Every gain K fails at the constant period {T}: on each of {refutation.cells} cells of gains one of "
-            f"{refutation.words} words of up to {refutation.longest} periods with extremal slopes has a "
-            f"spectral radius of at least 1."
-        )
+        return CellsOfGains.just_above(question.under(self.law))
 
     @classmethod
     def longest(cls, question: Question) -> Self | None:
