@@ -20,6 +20,7 @@ from cdobs_cli.design import Design
 from cdobs_cli.errors import ArtefactError, CdobsError, UsageError
 from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.outcome import readable
+from cdobs_cli.progress import stage
 from cdobs_cli.store import CONTENT, Store, digest
 from cdobs_cli.synthesis import certify, initial_errors, is_design_of, new_design, plant_of, system_of
 
@@ -86,10 +87,11 @@ def synthesize(work: Work) -> Design:
         current = stored is not None and not stored.cut and _is_current(work, stored)
         work.design = stored if current else None
     if work.design is None:
-        if work.spec.choice is None:
-            design = new_design(work.spec, work.effort)
-        else:
-            work.spec, design = chosen_design(work.spec, work.effort)
+        with stage("synthesize"):
+            if work.spec.choice is None:
+                design = new_design(work.spec, work.effort)
+            else:
+                work.spec, design = chosen_design(work.spec, work.effort)
         design = replace(design, digests={"key": work.design_key})
         work.design = replace(design, digests=work.store.write("design.json", design.document())["digests"])
         work.redone.add("synthesize")

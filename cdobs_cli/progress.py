@@ -27,6 +27,7 @@ class Watch:
     _what: str = ""
     _proved: str = ""
     _calls: int = 0
+    _within: float = 0.0  # s of the stages within this one
     _told: float = 0.0
     _searches: bool = False
 
@@ -63,17 +64,21 @@ def watched(tell: Callable[[str], None] | None = None, seconds: float | None = N
 
 @contextmanager
 def stage(name: str) -> Iterator[None]:
-    """The block is a stage of that name."""
+    """The block is a stage of that name; the time of a stage within another is not counted twice."""
     watch, started = _WATCH.get(), time.perf_counter()
     if watch is _NOBODY:
         yield
         return
-    watch._stage, watch._what, watch._proved, watch._calls, watch._told = name, "", "", 0, 0.0
+    outer, watch._stage, watch._within = (watch._stage, watch._within), name, 0.0
+    watch._what, watch._proved, watch._calls, watch._told = "", "", 0, 0.0
     watch.look()
     try:
         yield
     finally:
-        watch.stages[name] = watch.stages.get(name, 0.0) + time.perf_counter() - started
+        seconds = time.perf_counter() - started
+        watch.stages[name] = watch.stages.get(name, 0.0) + seconds - watch._within
+        watch._stage, watch._within = outer[0], outer[1] + seconds
+        watch._what, watch._proved, watch._calls = "", "", 0
 
 
 def doing(what: str) -> None:

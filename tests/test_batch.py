@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pty
+import re
 import resource
 import select
 import shutil
@@ -191,6 +192,34 @@ def test_terminals_get_a_live_table_and_pipes_get_lines(tmp_path: Path, finished
     assert "\033" not in dumb
     _, quiet = in_terminal(["check", ".", "-q"], tmp_path / "d")
     assert "running" not in quiet and "q.yaml" in quiet
+
+
+def test_a_single_spec_is_followed_too(tmp_path: Path, pendulum: str) -> None:
+    (tmp_path / "p.yaml").write_text(pendulum)
+    output, shown = in_terminal(["check", "p.yaml", "-v"], tmp_path)
+    assert "running" in shown and "synthesize" in shown and "running" not in output
+    assert re.search(r"synthesize \d+\.\d\d s, check \d+\.\d\d s", shown)
+    _, read = in_terminal(["validate", "p.yaml"], tmp_path)
+    assert "running" not in read
+
+
+def test_figures_are_what_is_asked_for(tmp_path: Path, pendulum: str, cdobs: Cdobs) -> None:
+    spec = tmp_path / "p.yaml"
+    spec.write_text(pendulum)
+    figures = tmp_path / "results" / "p" / "figures"
+    assert cdobs("run", "p.yaml", "--no-report").returncode == 0
+    assert (tmp_path / "results" / "p" / "simulation.json").exists()
+    assert not figures.exists() and not (figures.parent / "report.html").exists()
+    assert cdobs("run", "p.yaml").returncode == 0
+    drawn = {path.name: path.stat().st_mtime_ns for path in figures.glob("*.svg")}
+    assert {"states.svg", "error.svg", "periods.svg"} <= set(drawn) and not list(figures.glob("*.png"))
+    spec.write_text(pendulum + "report: {figures: [png, pdf]}\n")
+    assert cdobs("report", "p.yaml").returncode == 0
+    assert (figures / "states.png").read_bytes().startswith(b"\x89PNG")
+    assert (figures / "states.pdf").read_bytes().startswith(b"%PDF")
+    spec.write_text(pendulum + "report: {figures: [gif]}\n")
+    told = cdobs("validate", "p.yaml")
+    assert told.returncode == 2 and "report.figures[0]" in told.stderr and "svg, png or pdf" in told.stderr
 
 
 def test_logs_get_one_line_a_spec(tmp_path: Path, finished: Path) -> None:
