@@ -186,6 +186,14 @@ def ask_clarabel(
     not a number, and `Panicked`, where the solver did.
 
     Cones: ("zero", size) or ("psd", dimension), a triangle by columns with off-diagonals times sqrt 2."""
+    x, _, record = ask_with_multipliers(cost, A, b, cones, tolerance, iterations)
+    return x, record
+
+
+def ask_with_multipliers(
+    cost: Array, A: SparseColumns, b: Array, cones: list[Cone], tolerance: float = 1e-9, iterations: int = 200
+) -> tuple[Array, Array, SolverRecord]:
+    """`ask_clarabel` with z, the multipliers of b - A x: where data move, the least cost moves by z'(dA x - db)."""
     import clarabel
     import numpy as np
 
@@ -200,17 +208,17 @@ def ask_clarabel(
     product = [kinds[kind](count) for kind, count in cones]
     try:
         result = clarabel.DefaultSolver(zero, cost, A, b, product, settings).solve()
-        x, status, count = np.array(result.x), str(result.status), int(result.iterations)
+        x, z, status, count = np.array(result.x), np.array(result.z), str(result.status), int(result.iterations)
     except BaseException as panic:  # what Rust panics with is no Exception, and has a class that cannot be imported
         if type(panic).__name__ != "PanicException":
             raise
-        x, status, count = np.full(size, np.nan), "Panicked", 0
+        x, z, status, count = np.full(size, np.nan), np.full(len(b), np.nan), "Panicked", 0
     record = SolverRecord("clarabel", clarabel.__version__, status, count)
     log = _LOG.get()
     if log is not None:
         log.append(record)
     progress.called()
-    return x, record
+    return x, z, record
 
 
 @contextmanager

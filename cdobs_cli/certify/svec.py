@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,16 +11,33 @@ if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
 
 
+@cache
 def triangle(size: int) -> tuple[Any, Any]:
     """Rows and columns of the upper triangle, by columns."""
     j, i = np.tril_indices(size)
     return i, j
 
 
+@cache
+def _weights(size: int) -> Any:
+    i, j = triangle(size)
+    return np.where(i == j, 1.0, np.sqrt(2.0))
+
+
 def svec(matrices: Array) -> Array:
     """(.., M, M) to (.., M (M + 1) / 2): entries off the diagonal times sqrt 2."""
-    i, j = triangle(matrices.shape[-1])
-    return matrices[..., i, j] * np.where(i == j, 1.0, np.sqrt(2.0))
+    size = matrices.shape[-1]
+    i, j = triangle(size)
+    vectors: Array = matrices[..., i, j] * _weights(size)
+    return vectors
+
+
+def unsvec(vectors: Array, size: int) -> Array:
+    """The symmetric matrices of these vectors: (.., size (size + 1) / 2) to (.., size, size)."""
+    i, j = triangle(size)
+    matrices = np.zeros((*vectors.shape[:-1], size, size))
+    matrices[..., i, j] = matrices[..., j, i] = vectors / _weights(size)
+    return matrices
 
 
 def symmetric_basis(size: int) -> Array:

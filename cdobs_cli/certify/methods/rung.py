@@ -11,6 +11,7 @@ from cdobs_cli import progress
 from cdobs_cli.certify import search
 from cdobs_cli.certify.linear import is_linear
 from cdobs_cli.certify.methods.base import Method, Question
+from cdobs_cli.certify.methods.clock import edges
 from cdobs_cli.certify.methods.clock.certificate import Clock
 from cdobs_cli.certify.methods.common_quadratic import CommonQuadratic, is_linear_loop, longest_aperiodic
 from cdobs_cli.certify.methods.dead_beat import DeadBeat, resets
@@ -35,6 +36,9 @@ class Rung(Protocol):
         """The certificate of the longest period found for the question's gain, at the question's rate and at least the
         rate `share` over the period."""
 
+    def fastest(self, question: Question, width: Fraction) -> Method | None:
+        """The certificate of the largest rate found under the question's own law, to a relative width."""
+
 
 @dataclass(frozen=True)
 class One:
@@ -54,6 +58,9 @@ class One:
     def longest(self, question: Question, share: float = 0.0) -> Method | None:
         return longest_at(self, question, share) if share or question.rate else self.method.longest(question)
 
+    def fastest(self, question: Question, width: Fraction) -> Method | None:
+        return fastest_at(self, question, width)
+
 
 @dataclass(frozen=True)
 class General:
@@ -69,6 +76,8 @@ class General:
         return _told(lambda: next((one for one in proposals if one is not None), None), self.name, question)
 
     def longest(self, question: Question, share: float = 0.0) -> Method | None:
+        if _is_left_to_the_clock(question):
+            return edges.longest(question, share)
         if share or question.rate:
             return longest_at(self, question, share)
         if resets(question.inclusion):
@@ -78,6 +87,16 @@ class General:
         if is_linear_loop(question) and question.inclusion.balls.jump.is_rational:
             return longest_aperiodic(self.propose, question)
         return longest_at(self, question)
+
+    def fastest(self, question: Question, width: Fraction) -> Method | None:
+        if _is_left_to_the_clock(question):
+            return edges.fastest(question) or self.propose(question.with_rate(Fraction(0)))
+        return fastest_at(self, question, width)
+
+
+def _is_left_to_the_clock(question: Question) -> bool:
+    """Whether of the general certificates only the clock-dependent function can hold."""
+    return Clock.applies(question) and not is_linear_loop(question) and not resets(question.inclusion)
 
 
 GENERAL = General()
@@ -113,6 +132,11 @@ def rate_over(T: Exact, share: float) -> Fraction:
 
 def fastest(rung: Rung, question: Question, width: Fraction = _RATE_WIDTH) -> Method | None:
     """The certificate of the largest rate found under the question's own law."""
+    return rung.fastest(question, width)
+
+
+def fastest_at(rung: Rung, question: Question, width: Fraction) -> Method | None:
+    """By bisection, of proofs that a rung proposes."""
     at_rest = rung.propose(question.with_rate(Fraction(0)))
     if at_rest is None or float(at_rest.prove(question).rate) == float("inf"):
         return at_rest

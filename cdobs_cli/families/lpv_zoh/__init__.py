@@ -108,7 +108,7 @@ class LpvZeroOrderHold(ConstantGain):
         if question.inclusion.outputs:
             return (MiddleGain(),)
         if self.method in ("repaired", "theorem_1"):
-            return (PeriodClimb(REPAIRED if self.method == "repaired" else THEOREM_1, stiff=True),)
+            return (PeriodClimb(REPAIRED if self.method == "repaired" else THEOREM_1),)
         if self.method == "wirtinger" or (self.method == "best" and not clock_is_tried(question)):
             return (HeldGain(),)
         return (ClockGain(),)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
+from math import inf
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -14,13 +15,14 @@ from cdobs_cli.certify import search
 from cdobs_cli.certify.climb import GAIN_DIGITS, Climb
 from cdobs_cli.certify.gains import Candidate, GainSearch, Merit, NoDesignError
 from cdobs_cli.certify.methods.base import Question
+from cdobs_cli.certify.methods.clock import climbs
 from cdobs_cli.certify.methods.rung import Rung, fastest, rate_over
 from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger
 from cdobs_cli.certify.methods.wirtinger.design import HeldSynthesis, size
 from cdobs_cli.certify.units import Units
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold, accurate
-from cdobs_cli.families.lpv_zoh.search_plan import CLOCK, WIRTINGER, headline
+from cdobs_cli.families.lpv_zoh.search_plan import CLOCK, WIRTINGER, ClockRung, headline
 from cdobs_cli.hybrid import PlantView
 from cdobs_cli.plant import Plant
 
@@ -34,6 +36,7 @@ RATE_SHARE = LpvZeroOrderHold.rate_share
 _SLOWER = {1: (1.0, 0.5, 0.35, 0.25, 0.1), 4: (1.0, 0.3), 20: (1.0, 0.3), 100: (1.0,), 1000: (1.0,)}
 _COMPROMISE = (0.5, 0.25, 0.0)  # parts of the largest rate that are tried
 _NEAR = Fraction(1, 20)
+_SPARE = 1.01  # of a period to be served, for what the rounding of a gain takes
 _FROM_ZERO = (
     "no certificate is known for an innovation that is held over periods from 0 on where the outputs are not linear: "
     "give min_period, or use family reachability"
@@ -145,7 +148,6 @@ class PeriodClimb(GainSearch):
     reaches."""
 
     rung: Rung
-    stiff: bool
 
     def at(self, question: Question) -> Candidate | None:
         T = question.law.T_max
@@ -154,8 +156,7 @@ class PeriodClimb(GainSearch):
 
     def longest(self, question: Question) -> Candidate | None:
         L, T = self._climb(question, RATE_SHARE, float("inf"))
-        asked = headline(question) if self.rung is CLOCK else question
-        further = self.rung.longest(about(asked.at(short(T)), L).afresh(), RATE_SHARE)
+        further = self.rung.longest(about(question.at(short(T)), L).afresh(), RATE_SHARE)
         law = question.law.with_period(short(T)) if further is None else further.law
         return Candidate(L, law, float(law.T_max))
 
@@ -177,7 +178,7 @@ class PeriodClimb(GainSearch):
                 break
             first = next((L for L in starts if passes(L, T)), None)
             if first is not None:
-                budget = _budget(question) if self.rung is CLOCK else 48 * (1 + question.effort)
+                budget = 48 * (1 + question.effort)
                 return Climb(passes, _unit(question.plant, T), budget, goal).run(first.floats, T)
             T /= search.FACTOR
         raise NoDesignError(f"no gain was proved by {self.rung.name}, down to the period {short(max(T, shortest))}")
@@ -187,7 +188,55 @@ class PeriodClimb(GainSearch):
         start = HeldGain().longest(question)
         assert start is not None
         T = float(start.law.T_max)
-        return [start.gain, *(_stiffer_gains(question.plant, T) if self.stiff else [])], T
+        return [start.gain, *_stiffer_gains(question.plant, T)], T
+
+
+@dataclass(frozen=True)
+class PeriodAscent(GainSearch):
+    """L by an ascent of the period at which the margin of the clock certificate ends; from the convex synthesis, at the
+    period that this reaches."""
+
+    def at(self, question: Question) -> Candidate | None:
+        T = question.law.T_max
+        L, _ = self._ascended(question, 0.0, float(T) * _SPARE)
+        if CLOCK.propose(about(question, L).afresh()) is not None:
+            return Candidate(L, question.law)
+        reached = CLOCK.longest(about(question, L).afresh())
+        if reached is None:
+            raise _unproved(question)
+        return Candidate(L, question.law if T.is_at_most(reached.law.T_max) else reached.law)
+
+    def longest(self, question: Question) -> Candidate | None:
+        L, T = self._ascended(question, RATE_SHARE, inf)
+        reached = CLOCK.longest(about(headline(question).at(short(T)), L).afresh(), RATE_SHARE)
+        if reached is None:
+            raise _unproved(question)
+        return Candidate(L, reached.law, float(reached.law.T_max))
+
+    def _ascended(self, question: Question, share: float, goal: float) -> tuple[ExactMatrix, float]:
+        """The gain met of the longest period, and about its end: from the first start that serves the question's
+        period, else from the best."""
+        starts, T = self._starts(question)
+        enough, best = min(goal, T), None
+        asked, unit = ClockRung.taken(question.at(short(T))).afresh(), _unit(question.plant, T)
+        for start in starts:
+            met = climbs.longest(asked, "L", start.floats, unit, _steps(question), share, goal)
+            best = met if best is None or (met is not None and met[1] > best[1]) else best
+            if best is not None and best[1] >= enough:
+                break
+        if best is None:
+            raise _unproved(question)
+        return ExactMatrix.from_floats(best[0], GAIN_DIGITS), best[1]
+
+    def _starts(self, question: Question) -> tuple[list[ExactMatrix], float]:
+        """Gains to start from, and the period that they are for."""
+        start = HeldGain().longest(question)
+        assert start is not None
+        return [start.gain], float(start.law.T_max)
+
+
+def _unproved(question: Question) -> NoDesignError:
+    return NoDesignError(f"no gain was proved by {CLOCK.name} at periods near {question.law.T_max} or shorter")
 
 
 def _stiffer_gains(plant: Plant, T: float) -> list[ExactMatrix]:
@@ -208,30 +257,24 @@ class ClockGain(HeldGain):
         try:
             return super().at(question)
         except NoDesignError:
-            return PeriodClimb(CLOCK, stiff=False).at(question)
+            return PeriodAscent().at(question)
 
     def longest(self, question: Question) -> Candidate | None:
-        return PeriodClimb(CLOCK, stiff=False).longest(question)
+        return PeriodAscent().longest(question)
 
     def nearest(self, question: Question) -> Candidate | None:
         return HeldGain().nearest(question)
 
     def fastest(self, question: Question) -> Candidate | None:
         start, rate = self._faster_start(question)
-        T = float(question.law.T_max)
-
-        def passes(L: ExactMatrix, sigma: float) -> bool:
-            asked = about(question, L).with_rate(short(sigma).rational or question.rate)
-            return CLOCK.propose(asked.afresh()) is not None
-
-        if not rate > 0:
-            return start
-        climb = Climb(passes, _unit(question.plant, T), _budget(question))
-        return Candidate(climb.run(start.gain.floats, 0.9999 * rate)[0], question.law)
+        unit = _unit(question.plant, float(question.law.T_max))
+        asked = ClockRung.taken(question).afresh()
+        met = climbs.fastest(asked, "L", start.gain.floats, unit, _steps(question), rate) if rate > 0 else None
+        return start if met is None else Candidate(ExactMatrix.from_floats(met[0], GAIN_DIGITS), question.law)
 
 
 @dataclass(frozen=True)
-class MiddleClimb(PeriodClimb):
+class MiddleAscent(PeriodAscent):
     """The same where outputs have slopes that vary: from the convex synthesis for their middle, at the period asked for
     and at longer ones (slower gains leave more room), and from parts of its gains."""
 
@@ -255,24 +298,24 @@ class MiddleGain(ClockGain):
     """Where outputs have slopes that vary: climbs with the clock certificate, which takes them all."""
 
     def at(self, question: Question) -> Candidate | None:
-        return self._climb(question).at(question)
+        return self._ascent(question).at(question)
 
     def longest(self, question: Question) -> Candidate | None:
-        return self._climb(question).longest(question)
+        return self._ascent(question).longest(question)
 
     nearest = GainSearch.nearest
 
     @staticmethod
-    def _climb(question: Question) -> MiddleClimb:
+    def _ascent(question: Question) -> MiddleAscent:
         if question.law.from_zero:
             raise NoDesignError(_FROM_ZERO)
-        return MiddleClimb(CLOCK, stiff=False)
+        return MiddleAscent()
 
 
 def _unit(plant: Plant, T: float) -> Array:
     return Units.of(PlantView.floats(plant, {}), T).gain_out(np.ones((plant.n, plant.p)))
 
 
-def _budget(question: Question) -> int:
-    """How many proofs a climb may try: fewer where each one is large."""
-    return max(12, min(160, 20000 // size(question.plant))) * (1 + question.effort)
+def _steps(question: Question) -> int:
+    """How many programs an ascent may solve: fewer where each one is large."""
+    return max(12, min(40, 20000 // size(question.plant))) * (1 + question.effort) // 2

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from cdobs_cli.certificate import Certificate
@@ -59,10 +60,18 @@ class ClockRung:
         limit = slowest_decay(question.inclusion) if question.rate else None
         if limit is not None and Exact(question.rate).ball() >= limit:
             return None
-        return GENERAL.propose(question if size(question.plant) <= _WHOLE else question.with_effort(0))
+        return GENERAL.propose(self.taken(question))
 
     def longest(self, question: Question, share: float = 0.0) -> Method | None:
-        return longest_at(self, question, share)
+        return GENERAL.longest(self.taken(question), share) if clock_is_tried(question) else None
+
+    def fastest(self, question: Question, width: Fraction) -> Method | None:
+        return GENERAL.fastest(self.taken(question), width) if clock_is_tried(question) else None
+
+    @staticmethod
+    def taken(question: Question) -> Question:
+        """Of large plants the first shape of the schedule only."""
+        return question if size(question.plant) <= _WHOLE else question.with_effort(0)
 
 
 @dataclass(frozen=True)
@@ -88,6 +97,9 @@ class Headline:
 
     def longest(self, question: Question, share: float = 0.0) -> Method | None:
         return self.rung.longest(headline(question), share)
+
+    def fastest(self, question: Question, width: Fraction) -> Method | None:
+        return self.rung.fastest(headline(question), width)
 
 
 WIRTINGER, REPAIRED, THEOREM_1, CLOCK = (

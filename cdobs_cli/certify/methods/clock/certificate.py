@@ -30,7 +30,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from flint import arb
@@ -54,13 +54,13 @@ from cdobs_cli.certify.sampled_error import kept_and_lost
 from cdobs_cli.certify.texts import rate_of, rationals, symmetric_from_upper, upper_texts
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, fmpq_fraction, fraction_text
-from cdobs_cli.hybrid import HybridInclusion
+from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
 from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
-    from cdobs_cli.certify.methods.clock.search import Solution
+    from cdobs_cli.certify.methods.clock.search import Search, Solution
 
 MAX_CORNER_ENTRIES = 10  # 2^10 corners at most are enumerated
 MAX_OUTPUT_ENTRIES = 6  # and 2^6 of the jump
@@ -348,6 +348,25 @@ def _cleared(K: Array, question: Question) -> Array:
 def _solve(question: Question, shape: Shape, C: list[Array] | None) -> tuple[Solution, list[list[Fraction]]] | None:
     """The solver's answer in the coordinates z, e = S z, and S; the jump I - K C is free where C is given, at each of
     its corners."""
+    posed = pose(question, shape, C)
+    if posed is None:
+        return None
+    solution = posed.search.solve(posed.maps, posed.jumps, float(question.rate) * float(question.law.T_max))
+    question.memory[shape, C is None] = posed.search.cuts
+    return None if solution is None or not solution.margin > 0 else (solution, posed.S)
+
+
+class Posed(NamedTuple):
+    """A clock problem as the search takes it: in the coordinates z, e = S z, and unit time."""
+
+    search: Search
+    maps: ErrorMaps[Array]
+    jumps: list[Array]
+    S: list[list[Fraction]]
+
+
+def pose(question: Question, shape: Shape, C: list[Array] | None) -> Posed | None:
+    """None where no coordinates serve, or a map is not finite."""
     from cdobs_cli.certify.methods.clock.search import Search
 
     law, inclusion = question.law, question.inclusion
@@ -365,11 +384,9 @@ def _solve(question: Question, shape: Shape, C: list[Array] | None) -> tuple[Sol
     if not all(np.all(np.isfinite(part)) for part in (unit.base, *jumps, *unit.parts)):
         return None
     seen = None if C is None else [one @ change for one in C]
-    problem = Search(shape, float(law.T_min) / T, maps.base.shape[0], seen, law.from_zero)
-    problem.cuts = question.memory.setdefault((shape, C is None), set())
-    solution = problem.solve(unit, jumps, float(question.rate) * T)
-    question.memory[shape, C is None] = problem.cuts
-    return None if solution is None or not solution.margin > 0 else (solution, S)
+    search = Search(shape, float(law.T_min) / T, maps.base.shape[0], seen, law.from_zero)
+    search.cuts = question.memory.setdefault((shape, C is None), set())
+    return Posed(search, unit, jumps, S)
 
 
 def split_basis(inclusion: HybridInclusion) -> list[list[Fraction]] | None:
@@ -396,7 +413,7 @@ def basis(inclusion: HybridInclusion) -> list[list[Fraction]]:
     n, N = plant.n, inclusion.floats.base.shape[0]
     seen = np.max(np.abs(inclusion.view_floats.output_corners()), axis=0)
     term = seen
-    A = np.abs(plant.A.floats) * T
+    A = _coupling(inclusion) * T
     size = term.max(axis=0)
     with np.errstate(all="ignore"):
         for _ in range(n - 1):
@@ -408,6 +425,15 @@ def basis(inclusion: HybridInclusion) -> list[list[Fraction]]:
     for i in range(N - n):
         scale.append(Fraction(2) ** _exponent(rows[i % plant.p].max()))
     return [[s if i == j else Fraction(0) for j in range(N)] for i, s in enumerate(scale)]
+
+
+def _coupling(inclusion: HybridInclusion) -> Array:
+    """How much each state feels another: |A|, and where A has nothing the largest slope."""
+    view = inclusion.view_floats
+    coupling = np.abs(inclusion.plant.A.floats)
+    for part, low, high in zip(view.parts, view.lower, view.upper, strict=True):
+        coupling = np.where(coupling == 0, np.abs(part) * max(abs(low), abs(high)), coupling)
+    return coupling
 
 
 def _exponent(value: float) -> int:

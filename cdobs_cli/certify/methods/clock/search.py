@@ -7,7 +7,7 @@ is kron(g, I) + kron(e, Lyapunov operator), so nothing is rebuilt from formulas 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cdobs_cli.certify.bernstein import derivative, elevation
-from cdobs_cli.certify.lmi import Cone, SparseColumns, ask_clarabel
+from cdobs_cli.certify.lmi import Cone, SparseColumns, ask_with_multipliers
 from cdobs_cli.certify.methods.clock.form import Shape, erases_the_rest, jump_block, jump_gap, kept_states, lyapunov
-from cdobs_cli.certify.svec import full_basis, svec, symmetric_basis, triangle
+from cdobs_cli.certify.svec import full_basis, svec, symmetric_basis, triangle, unsvec
 from cdobs_cli.hybrid import ErrorMaps
 
 if TYPE_CHECKING:
@@ -25,15 +25,21 @@ if TYPE_CHECKING:
 
 _ROUNDS = 12
 _ALL_AT_ONCE = 4  # so many corners are imposed from the start
+_SLACK = 0.1  # of the margin: how far below it a corner that is not imposed may be
+_TOLERANCE = 1e-8
 
 
 @dataclass
 class Solution:
-    """What a search returns: coefficients, W (or None), the margin over all corners."""
+    """What a search returns: coefficients, W (or None), the margin over all corners, and of the flow inequalities that
+    were imposed the coefficient, the corner, and the multiplier Z (k, N, N)."""
 
     P: list[Array]
     W: Array | None
     margin: float
+    coefficients: Array
+    corners: Array
+    Z: Array
 
 
 @dataclass
@@ -75,17 +81,10 @@ class Search:
         """The certificate of largest margin met, or None where the relaxation with the cuts has none.
 
         The margin returned is over all corners; positive means found (in floats)."""
-        corners = np.array(list(product(*zip(maps.lower, maps.upper, strict=True))))
-        flows = np.array([maps.flow(tuple(v)) for v in corners])
-        if not np.all(np.isfinite(flows)):
+        flows = self._begin(maps)
+        if flows is None:
             return None
-        L = self._lyapunov(flows, sigma)
-        count = len(self.operators[0])
-        if len(corners) <= _ALL_AT_ONCE:
-            self.cuts = {(c, v) for c in range(count) for v in range(len(corners))}
-        elif not self.cuts:
-            self.cuts = {(c, v) for c in range(count) for v in (0, len(corners) - 1)}
-        static = self._static(jumps)
+        L, static, count = self._lyapunov(flows, sigma), self._static(jumps), len(self.operators[0])
         best: Solution | None = None
         for _ in range(_ROUNDS):
             solution = self._ask(L, static)
@@ -94,7 +93,7 @@ class Search:
             violation, worst = self._worst(solution.P, flows, sigma)
             true_margin = min(solution.margin, float(-violation.max()))
             if best is None or true_margin > best.margin:
-                best = Solution(solution.P, solution.W, true_margin)
+                best = replace(solution, margin=true_margin)
             if true_margin > 0.1 * solution.margin:
                 return best
             new = {(c, int(worst[c])) for c in range(count) if violation[c] > -0.5 * solution.margin} - self.cuts
@@ -103,6 +102,44 @@ class Search:
             self.cuts |= new
         return best
 
+    def tight(self, maps: ErrorMaps[Array], jumps: list[Array], sigma: float) -> Solution | None:
+        """The largest margin over all corners, of either sign, but for a part of it: cuts are added until the others
+        are met. None where the solver gives nothing."""
+        flows = self._begin(maps)
+        if flows is None:
+            return None
+        L, static, count = self._lyapunov(flows, sigma), self._static(jumps), len(self.operators[0])
+        solution = None
+        for _ in range(_ROUNDS):
+            solution = self._ask(L, static)
+            if solution is None or len(flows) <= _ALL_AT_ONCE:
+                break
+            violation, worst = self._worst(solution.P, flows, sigma)
+            least = solution.margin - _SLACK * abs(solution.margin)
+            new = {(c, int(worst[c])) for c in range(count) if -violation[c] < least} - self.cuts
+            if not new:
+                break
+            self.cuts |= new
+        return solution
+
+    def _begin(self, maps: ErrorMaps[Array]) -> Array | None:
+        """The flow at every corner, the first cuts imposed; None where one is not finite."""
+        corners = np.array(list(product(*zip(maps.lower, maps.upper, strict=True))))
+        flows = np.array([maps.flow(tuple(v)) for v in corners])
+        count = len(self.operators[0])
+        if len(corners) <= _ALL_AT_ONCE:
+            self.cuts = {(c, v) for c in range(count) for v in range(len(corners))}
+        elif not self.cuts:
+            self.cuts = {(c, v) for c in range(count) for v in (0, len(corners) - 1)}
+        return flows if np.all(np.isfinite(flows)) else None
+
+    def values(self, P: list[Array]) -> Array:
+        """h P of every coefficient of the flow inequality, h the length of its piece."""
+        _, e, first = self.operators
+        local = np.array([[P[f + k] for k in range(self.shape.d + 1)] for f in first])
+        weighted: Array = np.einsum("ck,ckij->cij", e, local)
+        return weighted
+
     def _lyapunov(self, flows: Array, sigma: float) -> Array:
         """(corners, t, t): svec of P A + A' P + 2 sigma P on the svec of P, transposed into rows."""
         images = np.array([[lyapunov(P, A, sigma) for P in self.basis] for A in flows])
@@ -110,10 +147,9 @@ class Search:
 
     def _worst(self, P: list[Array], flows: Array, sigma: float) -> tuple[Array, Array]:
         """For each flow coefficient the largest eigenvalue over all corners, and its corner."""
-        g, e, first = self.operators
+        g, _, first = self.operators
         local = np.array([[P[f + k] for k in range(self.shape.d + 1)] for f in first])
-        slope = np.einsum("ck,ckij->cij", g, local)
-        value = np.einsum("ck,ckij->cij", e, local)
+        slope, value = np.einsum("ck,ckij->cij", g, local), self.values(P)
         products = value[:, None] @ flows[None]
         matrices = slope[:, None] + products + products.transpose(0, 1, 3, 2) + 2 * sigma * value[:, None]
         top = np.linalg.eigvalsh(matrices)[..., -1]
@@ -176,24 +212,26 @@ class Search:
             rows.append(self._semidefinite({0: svec(self.basis[:, positive][:, :, positive])}, len(positive)))
             right.extend([0.0] * (len(positive) * (len(positive) + 1) // 2))
             cones.append(("psd", len(positive)))
+        blocks = list(self._given_jumps(jumps) if self.C is None else self._free_jumps(self.C))
         for number in range(max(self.shape.jump_from, int(self.from_zero)), self.shape.count):
-            blocks = self._given_jumps(number, jumps) if self.C is None else self._free_jumps(number, self.C)
-            for parts, dimension in blocks:
+            for old, new, W, dimension in blocks:
+                parts = {0: old + new} if number == 0 else {0: old, number: new}
+                parts |= {} if W is None else {-1: W}
                 rows.append(self._semidefinite(parts, dimension))
                 right.extend([0.0] * (dimension * (dimension + 1) // 2))
                 cones.append(("psd", dimension))
         return rows, right, cones
 
-    def _given_jumps(self, number: int, jumps: list[Array]) -> Iterator[tuple[dict[int, Array], int]]:
-        """P(tau) - J'P(0)J at one coefficient, as coefficients of the unknowns, and its dimension."""
+    def _given_jumps(self, jumps: list[Array]) -> Iterator[tuple[Array, Array, Array | None, int]]:
+        """P(tau) - J'P(0)J as coefficients of P(0) and of P(tau), and its dimension."""
         zero = np.zeros((self.N, self.N))
         for J in jumps:
             old = svec(np.array([jump_gap(P, zero, J) for P in self.basis]))
             new = svec(np.array([jump_gap(zero, P, J) for P in self.basis]))
-            yield ({0: old + new} if number == 0 else {0: old, number: new}), self.N
+            yield old, new, None, self.N
 
-    def _free_jumps(self, number: int, corners: list[Array]) -> Iterator[tuple[dict[int, Array], int]]:
-        """[[P(0), P(0) - W C], [., P(tau)]] alike, one W for all corners of C."""
+    def _free_jumps(self, corners: list[Array]) -> Iterator[tuple[Array, Array, Array | None, int]]:
+        """[[P(0), P(0) - W C], [., P(tau)]] alike, and of W, one for all corners of C."""
         zero = np.zeros((self.N, self.N))
         for C in corners:
             p = C.shape[0]
@@ -201,7 +239,7 @@ class Search:
             old = svec(np.array([jump_block(P, none, C, zero) for P in self.basis]))
             new = svec(np.array([jump_block(zero, none, C, P) for P in self.basis]))
             W = svec(np.array([jump_block(zero, unit, C, zero) for unit in full_basis(self.N, p)]))
-            yield {0: old, number: new, -1: W}, 2 * self.N
+            yield old, new, W, 2 * self.N
 
     def _semidefinite(self, parts: dict[int, Array], dimension: int) -> Array:
         """Rows of `sum of parts - margin I` in the cone; key -1 is W."""
@@ -243,11 +281,11 @@ class Search:
         flow: Cone = ("psd", self.N)
         cost = np.zeros(size)
         cost[-1] = -1.0
-        x, _ = ask_clarabel(cost, A, b, [*cones, *[flow] * len(cuts)], 1e-8, 100)
+        x, z, _ = ask_with_multipliers(cost, A, b, [*cones, *[flow] * len(cuts)], _TOLERANCE, 100)
         if not np.all(np.isfinite(x)):
             return None
         P = list(np.einsum("nk,kij->nij", x[: self.shape.count * t].reshape(-1, t), self.basis))
         if self.from_zero:  # the equations hold exactly, not to the solver's tolerance
             P[0] = np.where(self.crossing, 0.0, P[0])
         W = None if self.C is None else x[self.shape.count * t : -1].reshape(self.N, -1)
-        return Solution(P, W, float(x[-1]))
+        return Solution(P, W, float(x[-1]), c, v, unsvec(z[len(top) :].reshape(-1, t), self.N))
