@@ -44,6 +44,25 @@ def largest_margin(
     Returns:
         The last solution, and its margin over all members recomputed from its values: a guess, not a proof.
     """
+    solution, margin, _ = margin_and_binding(
+        unknowns, inequality, members, positive, normalise, margins=margins, share=share, memory=memory
+    )
+    return solution, margin
+
+
+def margin_and_binding(
+    unknowns: Mapping[str, Unknown],
+    inequality: Callable[[Values, Any], Array],
+    members: Sequence[Any],
+    positive: Sequence[Callable[[Values], Array]],
+    normalise: Callable[[Values], float] | None = None,
+    *,
+    margins: Callable[[Values], Array] | None = None,
+    share: float = 0.9,
+    memory: dict[Any, list[int]] | None = None,
+) -> tuple[Solution, float, list[tuple[int, Array]]]:
+    """`largest_margin`, and the members imposed with their multipliers Z: where the inequality moves, t moves by
+    the sum of <Z, dF> over them, while it is below 1."""
     kind, known = ("+".join(unknowns), len(members)), {} if memory is None else memory
     wanted = known.get(kind) or _spread(len(members))
     program = Program({**unknowns, "t": full(1, 1)})
@@ -67,7 +86,7 @@ def largest_margin(
         solution = program.solve()
         x = solution.values
         if not all(np.all(np.isfinite(value)) for value in x.values()):
-            return solution, -np.inf
+            return solution, -np.inf, []
         met = _least(x, inequality, members) if margins is None else margins(x)
         margin = min(float(met.min()), *(float(np.linalg.eigvalsh(form(x))[0]) for form in positive))
         t = float(x["t"][0, 0])
@@ -75,7 +94,7 @@ def largest_margin(
         wanted = [int(k) for k in np.argsort(met)[:_MORE] if k not in chosen and met[k] < share * t]
         if t <= 0 or not wanted:
             break
-    return solution, margin
+    return solution, margin, list(zip(chosen, solution.multipliers[len(positive) + 1 :], strict=True))
 
 
 def _least(x: Values, inequality: Callable[[Values, Any], Array], members: Sequence[Any]) -> Array:

@@ -92,12 +92,14 @@ class SparseColumns:
 
 @dataclass(frozen=True)
 class Solution:
-    """A guess. `solved` is true only for the status Solved: AlmostSolved and the rest are kept apart."""
+    """A guess. `solved` is true only for the status Solved: AlmostSolved and the rest are kept apart. multipliers: of
+    the semidefinite requirements, in their order."""
 
     solved: bool
     values: Mapping[str, Array]
     objective: float
     record: SolverRecord
+    multipliers: Sequence[Array] = ()
 
 
 @dataclass
@@ -162,7 +164,7 @@ class Program:
         """Ask Clarabel, one thread."""
         import numpy as np
 
-        from cdobs_cli.certify.svec import svec
+        from cdobs_cli.certify.svec import svec, unsvec
 
         rows, right = [], []
         cones: list[Cone] = []
@@ -175,8 +177,12 @@ class Program:
             right.append(svec(offset))
             cones.append(("psd", offset.shape[0]))
         cost = np.zeros(self.size) if self._cost is None else self._cost
-        x, record = ask_clarabel(cost, compressed(np.vstack(rows)), np.concatenate(right), cones, tolerance, iterations)
-        return Solution(record.status == "Solved", self._split(x), -float(cost @ x), record)
+        A, b = compressed(np.vstack(rows)), np.concatenate(right)
+        x, z, record = ask_with_multipliers(cost, A, b, cones, tolerance, iterations)
+        ends = np.cumsum([len(part) for part in right])
+        places = [(end, cone) for end, (kind, cone) in zip(ends, cones, strict=True) if kind == "psd"]
+        multipliers = [unsvec(z[end - size * (size + 1) // 2 : end], size) for end, size in places]
+        return Solution(record.status == "Solved", self._split(x), -float(cost @ x), record, multipliers)
 
 
 def ask_clarabel(

@@ -12,17 +12,21 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 from math import comb
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from flint import arb, arb_mat
 
 from cdobs_cli.certify.falsify import are_within
+from cdobs_cli.certify.floats import exponentials
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
+
+if TYPE_CHECKING:
+    from cdobs_cli.arrays import Array
 
 _MOST_ENTRIES = 6
 
@@ -52,19 +56,7 @@ class NoGain(Method):
 
         if not cls.applies(question):
             return None
-        view, plant, law = question.inclusion.view_balls, question.plant, question.law
-        faces: list[Face] = []
-        b: list[float] = []
-        a: list[list[float]] = []
-        for period in _periods(law):
-            for slopes in _slopes(plant, question.effort):
-                polynomials = sampled_polynomials(view.flow(v.scalar for v in slopes), view.C, period)
-                for kind, order in kinds(plant.n):
-                    offset, row = affine(polynomials, kind, order)
-                    faces.append(Face(kind, order, slopes, period))
-                    b.append(float(arb(offset).mid()))
-                    a.append([float(arb(value).mid()) for value in row])
-        offsets, matrix = np.array(b), np.array(a)
+        faces, offsets, matrix = _guessed_faces(question)
         columns = np.abs(matrix).max(axis=0)
         if not np.all(np.isfinite(matrix)) or not np.all(np.isfinite(offsets)) or not np.all(columns > 0):
             return None
@@ -73,11 +65,11 @@ class NoGain(Method):
         # A condition that no gain moves and that holds with equality: nothing to weigh.
         kept = np.flatnonzero(sizes > 0)
         matrix, offsets = matrix[kept] / sizes[kept, None], offsets[kept] / sizes[kept]
-        rows, right = np.vstack([matrix.T, np.ones(len(kept))]), np.append(np.zeros(plant.n), 1.0)
+        rows, right = np.vstack([matrix.T, np.ones(len(kept))]), np.append(np.zeros(question.plant.n), 1.0)
         weights = linprog(offsets, A_eq=rows, b_eq=right, method="highs-ds")
         if weights.status != 0 or weights.x is None or float(offsets @ weights.x) > 1e-12:
             return None
-        support = cls(law, [faces[kept[k]].document() for k in np.flatnonzero(weights.x > 1e-12)])
+        support = cls(question.law, [faces[kept[k]].document() for k in np.flatnonzero(weights.x > 1e-12)])
         return support if support.prove(question).holds else None
 
     def _prove(self, question: Question) -> Proof:
@@ -181,6 +173,28 @@ def sampled_polynomials(A_i: Matrix, C: Matrix, T: Exact) -> list[list[arb]]:
 def _characteristic(M: arb_mat) -> list[arb]:
     polynomial = M.charpoly()
     return [polynomial[k] for k in range(M.nrows(), -1, -1)]
+
+
+def _guessed_faces(question: Question) -> tuple[list[Face], Array, Array]:
+    """The conditions tried, each b + a L > 0 with b (k,) and a (k, n) in floats."""
+    plant, view, n = question.plant, question.inclusion.view_floats, question.plant.n
+    places = [(v, T) for T in _periods(question.law) for v in _slopes(plant, question.effort)]
+    flow = np.zeros((len(places), 2 * n, 2 * n))
+    for k, (slopes, T) in enumerate(places):
+        flow[k, :n, :n] = view.flow(tuple(map(float, slopes))) * float(T)
+        flow[k, :n, n:] = np.eye(n) * float(T)
+    sampled = exponentials(flow)
+    Phi, Gamma = sampled[:, :n, :n], sampled[:, :n, n:]
+    maps = [Phi, *(Phi - Gamma[:, :, [k]] @ view.C for k in range(n))]
+    # (n + 1, places, n + 1): coefficients first, then places, then L = 0 and the unit gains.
+    polynomials = np.array([[np.real(np.poly(M)) for M in each] for each in maps]).transpose(2, 1, 0)
+    faces, offsets, rows = [], [], []
+    for kind, order in kinds(n):
+        values = condition(list(polynomials), kind, order)
+        faces += [Face(kind, order, slopes, T) for slopes, T in places]
+        offsets.append(values[:, 0])
+        rows.append(values[:, 1:] - values[:, [0]])
+    return faces, np.concatenate(offsets), np.concatenate(rows)
 
 
 def _periods(law: SamplingLaw) -> list[Exact]:

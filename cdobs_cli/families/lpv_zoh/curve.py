@@ -75,7 +75,7 @@ def gain_curve(question: Question) -> Curve:
     shares = np.geomspace(0.15, 1.0, _POINTS)
     periods = [search.short(share * T, 6) for share in shares]
     own = [_rate_of_gain(question.at(period)) for period in periods]
-    end, last = HeldSynthesis(plant).longest(T, lambda T: 0.0, 1.3, 0.005)
+    end, last = HeldSynthesis(plant).longest(T, lambda T: 0.0)
     ends = [search.short(share * 0.999 * end, 6) for share in shares] if last.margin > 0 else []
     best = [_rate_of_synthesis(question.at(period)) for period in ends]
     return Curve(running_maxima(ends, best, law), running_maxima(periods, own, law))

@@ -122,9 +122,7 @@ class HeldGain(GainSearch):
         """At the question's rate, and at least the rate floor."""
         synthesis = HeldSynthesis(question.plant)
         wanted = float(question.rate)
-        low, best = synthesis.longest(
-            float(question.law.T_max), lambda T: max(wanted, RATE_SHARE / T), search.FACTOR, 5e-4
-        )
+        low, best = synthesis.longest(float(question.law.T_max), lambda T: max(wanted, RATE_SHARE / T))
         if not best.margin > 0:
             raise NoDesignError(f"no gain was proved, down to the period {short(low)}")
         for share in (1.0, 0.9995, 0.998, 0.99, 0.95, 0.9):

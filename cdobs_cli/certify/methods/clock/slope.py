@@ -74,7 +74,7 @@ def _stretch(shape: Shape, T_min: float) -> list[float]:
 def _directions(question: Question, letter: str, S: Array) -> Array:
     """(n, p, N, N): dA/dL_ij in the coordinates z, e = S z; A is affine in L."""
     gain = question.gain(letter).floats
-    back: Array = np.linalg.inv(S)
+    back = np.array(np.linalg.inv(S), dtype=np.float64)
 
     def base(L: Array) -> Array:
         about = question.with_gain({letter: ExactMatrix.from_floats(L, 17)})

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cdobs_cli.certify.lmi import Cone, SparseColumns, ask_clarabel
+from cdobs_cli.certify.lmi import Cone, SparseColumns, ask_with_multipliers
 from cdobs_cli.certify.svec import svec, triangle
 
 if TYPE_CHECKING:
@@ -82,6 +82,18 @@ class Rows:
 
     def least(self, cost: Array) -> Array | None:
         """The x of least cost as the solver has it, however it ended; None where it says that there is none."""
+        met = self.least_with_multipliers(cost)
+        return None if met is None else met[0]
+
+    def least_with_multipliers(self, cost: Array) -> tuple[Array, Array] | None:
+        """`least`, and the multipliers z of the rows: where A moves, the least cost moves by z'dA x."""
         A, b = self.columns()
-        x, record = ask_clarabel(cost, A, b, self.cones, _TOLERANCE, _ITERATIONS)
-        return x if "Infeasible" not in record.status and bool(np.all(np.isfinite(x))) else None
+        x, z, record = ask_with_multipliers(cost, A, b, self.cones, _TOLERANCE, _ITERATIONS)
+        return (x, z) if "Infeasible" not in record.status and bool(np.all(np.isfinite(x))) else None
+
+    def image(self, x: Array) -> Array:
+        """A x."""
+        image = np.zeros(self.height)
+        for rows, columns, data in self.entries:
+            np.add.at(image, rows, data * x[columns])
+        return image

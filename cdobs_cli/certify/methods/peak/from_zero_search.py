@@ -31,8 +31,12 @@ if TYPE_CHECKING:
 _DIGITS = 13
 _DEGREE, _ELEVATED = 4, 5
 _PIECES = (2, 3, 4, 6)  # by effort
-_SHARES = (0.1, 0.2, 0.35, 0.5, 0.7)  # of the decay rate, for sigma
-_REFINEMENTS = (0, 2, 4, 6)  # further values of sigma, by effort
+_SHARE, _LESS = 0.35, 0.4  # of the decay rate: the first sigma; of it, the next where there is none
+_SOLVES = (1, 3, 5, 8)  # values of sigma, by effort; two more where nothing is known of it
+_CURVATURE = 0.35  # of ln b^2 over u near its least
+_STEP = 1.5  # of u
+_DIFFERENCE = 1e-4  # of sigma: the rows are nearly linear in it
+_ENOUGH = 3e-4  # of b^2: what is left to gain
 _ROUNDS = 8
 _ROOM = (1e-7, 1e-6, 1e-5)
 _SHORT = 1 / 16  # of T_max: a period that stands for those near 0
@@ -97,29 +101,59 @@ def _float(value: Any) -> float:
 
 
 def _scanned(search: _Search, rate: float, question: Question) -> tuple[float, Array] | None:
-    """sigma, in unit time, and x of the least bound: a grid, then the middles beside the best."""
-    tried: dict[float, tuple[float, Array]] = {}
-
-    def ask(sigma: float) -> None:
-        sigma = float(decimal_text(sigma, 4))
-        x = search.least(sigma) if sigma not in tried else None
-        if x is not None:
-            tried[sigma] = search.bound(x, sigma), x
-
+    """sigma, in unit time, and x of the least bound, which has one valley: from the sigma of another state where one is
+    known, down by its slope."""
     known = question.memory.get("peak sigma")
-    for share in _SHARES if known is None else (known / rate / 1.3, known / rate, known / rate * 1.3):
-        ask(rate * share)
+    tried: dict[float, _Least] = {}
+    sigma = rate * _SHARE if known is None else known
+    for _ in range(_SOLVES[question.level] + (2 if known is None else 0)):
+        sigma = float(decimal_text(sigma, 4))
+        if sigma in tried:
+            break
+        least = search.least(sigma)
+        if least is not None:
+            tried[sigma] = least
+        elif tried:  # beyond what decays
+            sigma = (sigma + min(tried, key=lambda one: tried[one].bound)) / 2
+            continue
+        sigma = _downhill(tried, rate) if tried else sigma * _LESS
+        if not sigma > 0:
+            break
     if not tried:
         return None
-    for _ in range(_REFINEMENTS[question.level]):
-        grid = sorted(tried)
-        k = min(range(len(grid)), key=lambda k: tried[grid[k]][0])
-        below, above = grid[k - 1] if k else grid[k] / 2, grid[k + 1] if k + 1 < len(grid) else grid[k] * 1.3
-        wide = below if np.log(grid[k] / below) > np.log(above / grid[k]) else above
-        ask(float(np.sqrt(grid[k] * wide)))
-    sigma = min(tried, key=lambda sigma: tried[sigma][0])
-    question.memory["peak sigma"] = sigma
-    return sigma, tried[sigma][1]
+    sigma = min(tried, key=lambda one: tried[one].bound)
+    question.memory["peak sigma"] = _downhill(tried, rate) or sigma
+    return sigma, tried[sigma].x
+
+
+def _downhill(tried: dict[float, _Least], rate: float) -> float:
+    """Where the slope is 0, by the two values nearest to there, or by a usual curvature; 0 where little is left to
+    gain. b^2 falls as 1 / sigma from 0 and is infinite at the rate: looked at over u = ln(sigma / (rate - sigma))."""
+
+    def u(sigma: float) -> float:
+        return float(np.log(sigma / max(rate - sigma, 1e-3 * rate)))
+
+    def slope(sigma: float) -> float:
+        return float(np.clip(tried[sigma].slope, -1, 1)) * max(1 - sigma / rate, 1e-3)
+
+    best = min(tried, key=lambda one: tried[one].bound)
+    beside = [one for one in tried if (one - best) * slope(best) < 0]
+    curvature = _CURVATURE
+    if beside:
+        other = min(beside, key=lambda one: abs(one - best))
+        curvature = max((slope(other) - slope(best)) / (u(other) - u(best)), _CURVATURE / 4)
+    if slope(best) ** 2 / (2 * curvature) < _ENOUGH:
+        return 0.0
+    return rate / (1 + float(np.exp(-u(best) + np.clip(slope(best) / curvature, -_STEP, _STEP))))
+
+
+@dataclass(frozen=True)
+class _Least:
+    """The unknowns of least b^2 for one sigma, b^2, and d ln b^2 / d ln sigma."""
+
+    x: Array
+    bound: float
+    slope: float
 
 
 @dataclass
@@ -162,10 +196,6 @@ class _Search:
         """For a transient one more: the larger of c / (2 sigma) and the start."""
         return self._starts[-1] + 1 + (self.first is not None)
 
-    def bound(self, x: Array, sigma: float) -> float:
-        """b^2."""
-        return float(self._cost(sigma) @ x)
-
     def _cost(self, sigma: float) -> Array:
         _, nu, c = self._starts
         cost = np.zeros(self._size)
@@ -176,28 +206,38 @@ class _Search:
             cost[-1] = 1.0
         return cost
 
-    def least(self, sigma: float) -> Array | None:
-        """The unknowns of least b^2 for this sigma."""
-        A = np.array(list(self.maps.corners()))
-        every = coefficients(self.shape, self.lengths, 0, self._svec.length, self._starts[0], self._q)
-        flows = Flows(A, self.B, every, self.eps, sigma, self.m)
+    def least(self, sigma: float) -> _Least | None:
+        """Of least b^2 for this sigma."""
         if not self.cuts:
-            self.cuts |= flows.start
-        fixed = self._fixed()
-        if self.first is not None:
-            self._from_start(fixed, sigma)
+            self.cuts |= self._flows(sigma).start
         for _ in range(_ROUNDS):
-            rows = fixed.copy()
-            flows.impose(rows, self.cuts)
-            x = rows.least(self._cost(sigma))
-            if x is None:
+            rows, cost = self._rows(sigma), self._cost(sigma)
+            met = rows.least_with_multipliers(cost)
+            if met is None:
                 return None
-            violated = flows.violated(x) - self.cuts
+            x, z = met
+            violated = self._flows(sigma).violated(x) - self.cuts
             if not violated:
-                return x
+                b_squared = float(cost @ x)
+                step = sigma * _DIFFERENCE
+                moved = (self._cost(sigma + step) - cost) @ x + z @ (self._rows(sigma + step).image(x) - rows.image(x))
+                return _Least(x, b_squared, float(moved) / _DIFFERENCE / b_squared if b_squared > 0 else 0.0)
             self.cuts |= violated
         return None
 
+    def _flows(self, sigma: float) -> Flows:
+        A = np.array(list(self.maps.corners()))
+        every = coefficients(self.shape, self.lengths, 0, self._svec.length, self._starts[0], self._q)
+        return Flows(A, self.B, every, self.eps, sigma, self.m)
+
+    def _rows(self, sigma: float) -> Rows:
+        rows = self._fixed.copy()
+        if self.first is not None:
+            self._from_start(rows, sigma)
+        self._flows(sigma).impose(rows, self.cuts)
+        return rows
+
+    @cached_property
     def _fixed(self) -> Rows:
         """Target, jump, how P(0) begins, and c at least what each piece feeds."""
         size, svec, t = len(self.z), self._svec, self._svec.length
@@ -260,7 +300,7 @@ class _Search:
         back = 1 / np.concatenate([scale, s0])
         weights = x[mu:nu].reshape(self.shape.pieces, self._q) * size**2 / np.concatenate([s0, d0]) ** 2 / T
         return Found(
-            float(np.sqrt(max(self.bound(x, sigma), 0.0))) * size, self.shape, sigma / T,
+            float(np.sqrt(max(float(self._cost(sigma) @ x), 0.0))) * size, self.shape, sigma / T,
             [upper_texts(one * size**2 * back * back[:, None], _DIGITS) for one in P],
             [_texts(piece) for piece in weights], _texts(x[nu:c] * size**2 / s0**2),
         )  # fmt: skip

@@ -1,4 +1,4 @@
-"""The held gain by the convex form of Wirtinger's inequality, with its line search on epsilon: floats, no proof."""
+"""The held gain by the convex form of Wirtinger's inequality, over epsilon: floats, no proof."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cdobs_cli.certify import search
-from cdobs_cli.certify.cuts import largest_margin
+from cdobs_cli.certify.ascent import Ascent, Height
+from cdobs_cli.certify.cuts import margin_and_binding
 from cdobs_cli.certify.lmi import full, symmetric
 from cdobs_cli.certify.units import Units
 from cdobs_cli.exact.matrix import block
@@ -20,8 +20,13 @@ from cdobs_cli.plant import Plant
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
 
-_EPSILONS = (0.05, 20.0)
-_COARSE = 5000  # `size` beyond which the line search is a glance
+_COARSE = 5000  # `size` beyond which one epsilon is tried
+_BESIDE = (3.0, 0.3, 10.0, 0.1)  # of an epsilon: others that may do where it does not
+_STEP = 1e-5  # relative, of a parameter: the inequality is smooth in each
+_STEPS, _FEWER_STEPS = 30, 14  # programs of an ascent
+_SECANTS = 3
+_WIDTH = 1e-3  # a relative rise that is too small to go on for
+_INSIDE = (1.0, 0.9999, 0.999, 0.99, 0.95)  # parts of an end that are looked for a margin
 
 
 def size(plant: Plant) -> int:
@@ -72,93 +77,137 @@ class HeldSynthesis:
 
     def propose(self, tau: float, sigma: float, epsilon: float | None = None) -> Proposal:
         """The gain of the largest margin at one epsilon."""
-        epsilon = self.epsilon if epsilon is None else epsilon
+        return self._solved(tau, sigma, self.epsilon if epsilon is None else epsilon)[0]
+
+    def _solved(
+        self, tau: float, sigma: float, epsilon: float
+    ) -> tuple[Proposal, Callable[[float, float, float], float]]:
+        """`propose`, and how far the margin moves to first order where tau, sigma and epsilon do."""
         given = PlantView.floats(self.plant, {})
         units = Units.of(given, tau)
         view = units.view(given)
         n, p, q = self.plant.n, self.plant.p, (2 / np.pi) ** 2
         none = Proposal(np.zeros((n, p)), -np.inf, epsilon)
         if not np.all(np.isfinite(view.vertices)):
-            return none
-        solution, margin = largest_margin(
+            return none, _unmoved
+        solution, margin, binding = margin_and_binding(
             {"P": symmetric(n), "S": full(n, n), "Y": full(n, p), "U": symmetric(p)},
             lambda x, A_i: -synthesis(x["P"], x["S"], x["Y"], x["U"], A_i, view.C, q, epsilon, sigma * tau),
             view.vertices,
             (lambda x: x["P"], lambda x: x["U"]),
             lambda x: np.trace(x["P"]) - 1,
         )
+        x = solution.values
+
+        def pulled(tau: float, sigma: float, epsilon: float) -> float:
+            """sum <Z, F> at the same unknowns."""
+            view = Units.of(given, tau).view(given)
+            forms = (
+                synthesis(x["P"], x["S"], x["Y"], x["U"], view.vertices[k], view.C, q, epsilon, sigma * tau)
+                for k, _ in binding
+            )
+            return -sum(float(np.sum(form * Z)) for form, (_, Z) in zip(forms, binding, strict=True))
+
+        here = pulled(tau, sigma, epsilon)
         try:
-            L = np.array(np.linalg.solve(solution.values["S"], solution.values["Y"]), dtype=np.float64)
+            L = np.array(np.linalg.solve(x["S"], x["Y"]), dtype=np.float64)
         except np.linalg.LinAlgError:
-            return none
+            return none, _unmoved
         # Where the plant falls into parts, what couples them is the solver's noise.
         L[np.abs(L) < 1e-9 * np.abs(L).max()] = 0.0
-        return Proposal(units.gain_out(L), margin, epsilon) if np.all(np.isfinite(L)) else none
+        proposal = Proposal(units.gain_out(L), margin, epsilon) if np.all(np.isfinite(L)) else none
+        return proposal, lambda *moved: pulled(*moved) - here
 
     def design(self, tau: float, sigma: float) -> Proposal:
-        """The gain of the largest margin met in a line search on epsilon."""
-        best = self._line_search(tau, sigma)
-        self.epsilon = best.epsilon
-        return best
+        """The gain of the largest margin met over epsilon: where its slope by ln epsilon is 0."""
+        met: dict[float, tuple[Proposal, float]] = {}
 
-    def _line_search(self, tau: float, sigma: float) -> Proposal:
-        def at(epsilon: float) -> Proposal:
-            return self.propose(tau, sigma, epsilon)
+        def ask(u: float) -> None:
+            epsilon = float(np.exp(u))
+            proposal, moved = self._solved(tau, sigma, epsilon)
+            met[u] = proposal, moved(tau, sigma, epsilon * (1 + _STEP)) / _STEP
 
-        if size(self.plant) > _COARSE:
-            return max((at(epsilon) for epsilon in (1.0, 3.0, 0.3)), key=_margin)
-        tried = [at(float(epsilon)) for epsilon in np.geomspace(*_EPSILONS, 9)]
-        k = max(range(len(tried)), key=lambda k: tried[k].margin)
-        low, high, best = tried[max(k - 1, 0)].epsilon, tried[min(k + 1, len(tried) - 1)].epsilon, tried[k]
-        for _ in range(3):
-            middle = (low * high) ** 0.5
-            left, right = at((low * middle) ** 0.5), at((middle * high) ** 0.5)
-            best = max(best, left, right, key=_margin)
-            low, high = (low, middle) if left.margin > right.margin else (middle, high)
-        return best
+        for part in (1.0, *(_BESIDE if self._tries else _BESIDE[:2])):
+            ask(float(np.log(self.epsilon * part)))
+        for _ in range(_SECANTS if self._tries else 0):
+            best = max(met, key=lambda u: met[u][0].margin)
+            slope = met[best][1]
+            uphill = [u for u in met if (u - best) * slope > 0]
+            if not uphill:
+                break
+            other = min(uphill, key=lambda u: abs(u - best))
+            change = met[other][1] - slope
+            share = -slope / change if change * slope < 0 else 0.5
+            ask(best + (other - best) * min(max(share, 0.1), 0.9))
+        best = max(met, key=lambda u: met[u][0].margin)
+        self.epsilon = met[best][0].epsilon
+        return met[best][0]
 
     def redesign(self, tau: float, sigma: float) -> Proposal:
-        """`propose` at the epsilon that did well; the whole line search where that fails."""
-        near = self.propose(tau, sigma)
-        return near if near.margin > 0 else self.design(tau, sigma)
+        """`propose` at the epsilon that did well; where that fails, and the plant is small, at others."""
+        for epsilon in (self.epsilon, *(self.epsilon * part for part in _BESIDE[: self._tries])):
+            near = self.propose(tau, sigma, epsilon)
+            if near.margin > 0:
+                break
+        return near
+
+    @property
+    def _tries(self) -> int:
+        return 0 if size(self.plant) > _COARSE else len(_BESIDE)
 
     def fastest(self, tau: float) -> tuple[float, Proposal]:
-        """The largest rate met at one period, and its proposal: doubles the rate from 1 / tau, then bisects."""
-        best = self.design(tau, 0.0)
-        low, high = 0.0, 1.0 / tau
-        if not best.margin > 0:
-            return low, best
-        while (above := self.redesign(tau, high)).margin > 0 and high < 1e3 / tau:
-            low, high, best = high, 2 * high, above
-        self.epsilon = best.epsilon
-        for _ in range(8):
-            middle = (low + high) / 2
-            at_middle = self.propose(tau, middle)
-            low, high, best = (middle, high, at_middle) if at_middle.margin > 0 else (low, middle, best)
-        return low, best
+        """The largest rate met at one period over epsilon, and its proposal; where there is none the last tried, with a
+        margin that is not positive."""
+        at_rest = self.redesign(tau, 0.0)
+        if not at_rest.margin > 0:
+            return 0.0, at_rest
+        self.epsilon = at_rest.epsilon
 
-    def longest(
-        self, tau: float, rate: Callable[[float], float], factor: float, width: float
-    ) -> tuple[float, Proposal]:
-        """The longest period met at a rate that may depend on it: by factors from tau, then bisection. Where there
-        is none
-        the last period tried, with a margin that is not positive."""
-        low, steps, best = tau, 0, self.design(tau, rate(tau))
-        while not best.margin > 0 and steps < search.STEPS:
-            low, steps = low / factor, steps + 1
-            best = self.design(low, rate(low))
-        if not best.margin > 0:
-            return low, best
-        high = factor * low
-        while steps == 0 and (above := self.redesign(high, rate(high))).margin > 0 and high < 1e4 * tau:
-            low, high, best = high, factor * high, above
-        self.epsilon = best.epsilon
-        while high - low > width * low:
-            middle = (low + high) / 2
-            at_middle = self.propose(middle, rate(middle))
-            low, high, best = (middle, high, at_middle) if at_middle.margin > 0 else (low, middle, best)
-        return low, best
+        def height(x: Array, sigma: float) -> Height | None:
+            epsilon = float(np.exp(x[0]))
+            met, moved = self._solved(tau, sigma, epsilon)
+            by_sigma = moved(tau, sigma * (1 + _STEP), epsilon) / (sigma * _STEP)
+            return _height(met, moved(tau, sigma, epsilon * (1 + _STEP)) / _STEP, by_sigma)
+
+        sigma = self._ascended(height, 1.0 / tau)
+        for part in _INSIDE:
+            best = self.propose(tau, part * sigma)
+            if best.margin > 0:
+                return part * sigma, best
+        return 0.0, at_rest
+
+    def longest(self, tau: float, rate: Callable[[float], float]) -> tuple[float, Proposal]:
+        """The longest period met, over epsilon, at a rate that may depend on it, looked for from tau. Where there is
+        none the last period tried, with a margin that is not positive."""
+
+        def height(x: Array, T: float) -> Height | None:
+            epsilon = float(np.exp(x[0]))
+            met, moved = self._solved(T, rate(T), epsilon)
+            later = T * (1 + _STEP)
+            by_period = moved(later, rate(later), epsilon) / (T * _STEP)
+            return _height(met, moved(T, rate(T), epsilon * (1 + _STEP)) / _STEP, by_period)
+
+        longest = self._ascended(height, tau)
+        for part in _INSIDE:
+            best = self.propose(part * longest, rate(part * longest))
+            if best.margin > 0:
+                break
+        return part * longest, best
+
+    def _ascended(self, height: Callable[[Array, float], Height | None], start: float) -> float:
+        """Where the margin ends furthest, over epsilon from the one that did well; the start where it ends nowhere."""
+        steps = _STEPS if self._tries else _FEWER_STEPS
+        for part in (1.0, *_BESIDE[: self._tries]):
+            met = Ascent(height, np.ones(1), _WIDTH, steps).run(np.log([self.epsilon * part]), start)
+            if met is not None:
+                self.epsilon = float(np.exp(met[0][0]))
+                return met[1]
+        return start
 
 
-def _margin(proposal: Proposal) -> float:
-    return proposal.margin
+def _height(met: Proposal, by_epsilon: float, by_value: float) -> Height | None:
+    return Height(met.margin, np.array([by_epsilon]), by_value) if np.isfinite(met.margin) else None
+
+
+def _unmoved(tau: float, sigma: float, epsilon: float) -> float:
+    return 0.0
