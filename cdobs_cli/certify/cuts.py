@@ -19,6 +19,7 @@ MOST_CORNERS = 4096
 _FIRST = 8
 _MORE = 8
 _ROUNDS = 40
+_SLIGHT = 1e-3  # of the largest multiplier: members of less do not bind
 
 
 def largest_margin(
@@ -90,7 +91,9 @@ def margin_and_binding(
         met = _least(x, inequality, members) if margins is None else margins(x)
         margin = min(float(met.min()), *(float(np.linalg.eigvalsh(form(x))[0]) for form in positive))
         t = float(x["t"][0, 0])
-        known[kind] = sorted(chosen, key=lambda k: float(met[k]))[: 4 * _FIRST]
+        weights = [float(np.trace(Z)) for Z in solution.multipliers[len(positive) + 1 :]]
+        binding = sorted(zip(weights, chosen, strict=True), key=lambda pair: -pair[0])
+        known[kind] = [k for weight, k in binding[: 4 * _FIRST] if weight > _SLIGHT * binding[0][0]]
         wanted = [int(k) for k in np.argsort(met)[:_MORE] if k not in chosen and met[k] < share * t]
         if t <= 0 or not wanted:
             break

@@ -90,7 +90,7 @@ class General:
 
     def fastest(self, question: Question, width: Fraction) -> Method | None:
         if _is_left_to_the_clock(question):
-            return edges.fastest(question) or self.propose(question.with_rate(Fraction(0)))
+            return edges.fastest(question, width) or self.propose(question.with_rate(Fraction(0)))
         return fastest_at(self, question, width)
 
 

@@ -33,7 +33,7 @@ _LARGEST = (1_000, 1_000, 4_000, 40_000)  # (n + p)^3 times corners, by effort
 def quietest(question: Question, start: Candidate, rate: float, rung: Rung) -> Candidate | None:
     """Of the gains that reach half of a proved rate, capped as for a correction at samples, the one that amplifies
     noise least; `start` has that rate."""
-    if not _is_tried(question):
+    if not is_tried(question):
         return None
     fastest = min(short(rate, _RATE_DIGITS).rational or Fraction(0), capped_rate(question))
     sigma = max(fastest / 2, question.rate)
@@ -46,7 +46,7 @@ def least_error(
     """From the best part of a gain down the valley of the merit; where there is none, of the mean square for what is
     declared, bounded signals as if they were uniform."""
     aim = Aim.declared(question, weights, 0.0)
-    if not _is_tried(question) or not (aim.R.any() or aim.Q.any()):
+    if not is_tried(question) or not (aim.R.any() or aim.Q.any()):
         return None
     for sigma in kept_rates(question, bool(aim.Q.any())):
         own = Aim(aim.Z, aim.R, aim.Q, float(sigma))
@@ -56,7 +56,7 @@ def least_error(
     return None
 
 
-def _is_tried(question: Question) -> bool:
+def is_tried(question: Question) -> bool:
     """Whether the plant is small enough at this effort for a search step by step."""
     return takes(question) and size(question.plant) <= _LARGEST[question.level]
 

@@ -75,10 +75,11 @@ def gain_curve(question: Question) -> Curve:
     shares = np.geomspace(0.15, 1.0, _POINTS)
     periods = [search.short(share * T, 6) for share in shares]
     own = [_rate_of_gain(question.at(period)) for period in periods]
-    end, last = HeldSynthesis(plant).longest(T, lambda T: 0.0)
+    synthesis = HeldSynthesis(plant)
+    end, last = synthesis.longest(T, lambda T: 0.0)
     ends = [search.short(share * 0.999 * end, 6) for share in shares] if last.margin > 0 else []
-    best = [_rate_of_synthesis(question.at(period)) for period in ends]
-    return Curve(running_maxima(ends, best, law), running_maxima(periods, own, law))
+    best = [_rate_of_synthesis(question.at(period), synthesis) for period in reversed(ends)]
+    return Curve(running_maxima(ends, best[::-1], law), running_maxima(periods, own, law))
 
 
 def running_maxima(periods: Sequence[Exact], points: Sequence[Point | None], law: SamplingLaw) -> tuple[Point, ...]:
@@ -107,9 +108,9 @@ def _rate_of_gain(question: Question) -> Point | None:
     return None
 
 
-def _rate_of_synthesis(question: Question) -> Point | None:
+def _rate_of_synthesis(question: Question, synthesis: HeldSynthesis) -> Point | None:
     """The largest rate the convex synthesis reaches under the question's law, with its rounded gain, proved."""
-    rate, best = HeldSynthesis(question.plant).fastest(float(question.law.T_max))
+    rate, best = synthesis.fastest(float(question.law.T_max))
     L = ExactMatrix.from_floats(best.L, GAIN_DIGITS)
     for share in (0.99, 0.95, 0.8, 0.0):
         sigma = search.short(share * rate, 6) if share * rate > 0 else Exact(0)

@@ -67,6 +67,8 @@ class HeldGain(GainSearch):
 
     def quietest(self, question: Question) -> Candidate | None:
         """From a gain of the convex synthesis, where it has one."""
+        if not accurate.is_tried(question):
+            return None
         try:
             start = self._at(question, _COMPROMISE)
         except NoDesignError:

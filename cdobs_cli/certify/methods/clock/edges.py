@@ -34,17 +34,17 @@ def longest(question: Question, share: float = 0.0) -> Clock | None:
     def of(shape: Shape) -> Callable[[float], Height | None]:
         return lambda T: height_in_period(about(T), shape, share)
 
-    return _reached(question, about, of, start, max(start / _SPAN, shortest))
+    return _reached(question, about, of, start, max(start / _SPAN, shortest), _WIDTHS[question.level])
 
 
-def fastest(question: Question) -> Clock | None:
-    """The certificate of the largest rate found for the question's gain under its law. The margin is convex in sigma:
+def fastest(question: Question, width: Fraction) -> Clock | None:
+    """The certificate of the largest rate found for the question's gain under its law, to a relative width. The margin is convex in sigma:
     from 0 on Newton's steps end where it does."""
 
     def of(shape: Shape) -> Callable[[float], Height | None]:
         return lambda sigma: height_in_rate(at_rate(question, sigma), shape)
 
-    return _reached(question, lambda sigma: at_rate(question, sigma), of, 0.0, 0.0)
+    return _reached(question, lambda sigma: at_rate(question, sigma), of, 0.0, 0.0, float(width))
 
 
 def _reached(
@@ -53,16 +53,17 @@ def _reached(
     of: Callable[[Shape], Callable[[float], Height | None]],
     start: float,
     least: float,
+    width: float,
 ) -> Clock | None:
     """From about the end of each shape to that of the next, finer one, while that goes further; then close to the end
     of the last, and its proof."""
     best: tuple[float, Shape] | None = None
-    step, width = _STEP, _WIDTHS[question.level]
+    step, coarse = _STEP, max(_COARSE, width)
     for shape in shapes(question):
-        value = end(of(shape), start, _COARSE, step, least)
+        value = end(of(shape), start, coarse, step, least)
         if value is None:
             continue
-        further = best is None or value > best[0] * (1 + _COARSE)
+        further = best is None or value > best[0] * (1 + coarse)
         if best is None or value > best[0]:
             best, start, step = (value, shape), value, _FINER_STEP
         if not further:
@@ -70,7 +71,8 @@ def _reached(
     if best is None:
         return None
     value, shape = best
-    value = end(of(shape), value, width, step, least) or value
+    if width < coarse:
+        value = end(of(shape), value, width, step, least) or value
     for back in _BACK:
         inside = about(value * (1 - back * width))
         certificate = Clock.guess(inside, shape)

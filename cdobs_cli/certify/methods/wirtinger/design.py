@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cdobs_cli.certify.ascent import Ascent, Height
+from cdobs_cli.certify.ascent import Ascent, Height, end
 from cdobs_cli.certify.cuts import margin_and_binding
 from cdobs_cli.certify.lmi import full, symmetric
 from cdobs_cli.certify.units import Units
@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 _COARSE = 5000  # `size` beyond which one epsilon is tried
 _BESIDE = (3.0, 0.3, 10.0, 0.1)  # of an epsilon: others that may do where it does not
 _STEP = 1e-5  # relative, of a parameter: the inequality is smooth in each
-_STEPS, _FEWER_STEPS = 30, 14  # programs of an ascent
+_STEPS = 30  # programs of an ascent
+_WIDE, _SPAN = 0.05, 1e3  # of the end for one epsilon
+_SLOW, _FAST = 1e-3, 10.0  # over the period
 _SECANTS = 3
 _WIDTH = 1e-3  # a relative rise that is too small to go on for
 _INSIDE = (1.0, 0.9999, 0.999, 0.99, 0.95)  # parts of an end that are looked for a margin
@@ -70,10 +72,12 @@ class Proposal:
 
 @dataclass
 class HeldSynthesis:
-    """Gains of one plant for every T_k <= tau and a rate; `epsilon` (in units of tau) is the one that did well last."""
+    """Gains of one plant for every T_k <= tau and a rate; `epsilon` (in units of tau) is the one that did well last,
+    `memory` holds the corners that bound."""
 
     plant: Plant
     epsilon: float = 1.0
+    memory: dict[Any, list[int]] = field(default_factory=dict)
 
     def propose(self, tau: float, sigma: float, epsilon: float | None = None) -> Proposal:
         """The gain of the largest margin at one epsilon."""
@@ -96,6 +100,8 @@ class HeldSynthesis:
             view.vertices,
             (lambda x: x["P"], lambda x: x["U"]),
             lambda x: np.trace(x["P"]) - 1,
+            share=0.9 if self._tries else 0.5,
+            memory=self.memory,
         )
         x = solution.values
 
@@ -144,12 +150,9 @@ class HeldSynthesis:
         return met[best][0]
 
     def redesign(self, tau: float, sigma: float) -> Proposal:
-        """`propose` at the epsilon that did well; where that fails, and the plant is small, at others."""
-        for epsilon in (self.epsilon, *(self.epsilon * part for part in _BESIDE[: self._tries])):
-            near = self.propose(tau, sigma, epsilon)
-            if near.margin > 0:
-                break
-        return near
+        """`propose` at the epsilon that did well; where that fails, `design`."""
+        near = self.propose(tau, sigma)
+        return near if near.margin > 0 else self.design(tau, sigma)
 
     @property
     def _tries(self) -> int:
@@ -158,18 +161,26 @@ class HeldSynthesis:
     def fastest(self, tau: float) -> tuple[float, Proposal]:
         """The largest rate met at one period over epsilon, and its proposal; where there is none the last tried, with a
         margin that is not positive."""
-        at_rest = self.redesign(tau, 0.0)
+        slow, at_rest = _SLOW / tau, self.redesign(tau, 0.0)
         if not at_rest.margin > 0:
             return 0.0, at_rest
         self.epsilon = at_rest.epsilon
+        met: dict[float, Proposal] = {}
 
         def height(x: Array, sigma: float) -> Height | None:
             epsilon = float(np.exp(x[0]))
-            met, moved = self._solved(tau, sigma, epsilon)
+            here, moved = self._solved(tau, sigma, epsilon)
+            met[sigma] = here
             by_sigma = moved(tau, sigma * (1 + _STEP), epsilon) / (sigma * _STEP)
-            return _height(met, moved(tau, sigma, epsilon * (1 + _STEP)) / _STEP, by_sigma)
+            return _height(here, moved(tau, sigma, epsilon * (1 + _STEP)) / _STEP, by_sigma)
 
-        sigma = self._ascended(height, 1.0 / tau)
+        first = height(np.log([self.epsilon]), slow)
+        if first is None or not first.margin > 0:
+            return 0.0, at_rest
+        # The margin is nearly convex in sigma: its tangent ends inside.
+        sigma = self._ascended(height, min(max(slow + first.rest, slow), _FAST / tau))
+        if sigma in met and met[sigma].margin > 0:
+            return sigma, met[sigma]
         for part in _INSIDE:
             best = self.propose(tau, part * sigma)
             if best.margin > 0:
@@ -195,8 +206,12 @@ class HeldSynthesis:
         return part * longest, best
 
     def _ascended(self, height: Callable[[Array, float], Height | None], start: float) -> float:
-        """Where the margin ends furthest, over epsilon from the one that did well; the start where it ends nowhere."""
-        steps = _STEPS if self._tries else _FEWER_STEPS
+        """Where the margin ends furthest, over epsilon from the one that did well, of large plants for that one; the
+        start where it ends nowhere."""
+        if not self._tries:
+            one = np.log([self.epsilon])
+            return end(lambda v: height(one, v), start, _WIDE, 1.0, start / _SPAN) or start
+        steps = _STEPS
         for part in (1.0, *_BESIDE[: self._tries]):
             met = Ascent(height, np.ones(1), _WIDTH, steps).run(np.log([self.epsilon * part]), start)
             if met is not None:
