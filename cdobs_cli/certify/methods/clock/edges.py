@@ -38,8 +38,8 @@ def longest(question: Question, share: float = 0.0) -> Clock | None:
 
 
 def fastest(question: Question, width: Fraction) -> Clock | None:
-    """The certificate of the largest rate found for the question's gain under its law, to a relative width. The margin is convex in sigma:
-    from 0 on Newton's steps end where it does."""
+    """The certificate of the largest rate found for the question's gain, to a relative width. The margin is convex in
+    sigma: from 0 on Newton's steps end where it does."""
 
     def of(shape: Shape) -> Callable[[float], Height | None]:
         return lambda sigma: height_in_rate(at_rate(question, sigma), shape)

@@ -1,0 +1,121 @@
+"""Processor time and proved period of `cdobs synthesize`, and against another checkout, each in a process of its own.
+
+    python tests/benchmarks/bench_design.py [FOLDER] [--spec PATH ..]
+
+FOLDER holds the package of another version; both are run in turn on the same specs, at effort 1, one thread. Prints
+for each spec the seconds of processor time, the outcome, the law and the longest period among its certificates; with
+FOLDER also the ratio of the times. A spec that a version does not read has no row there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+HERE = Path(__file__).parents[2]
+NAMES = (
+    "lpv_zoh_sine_best", "lpv_zoh_flexible_joint", "lpv_zoh_four_tanks", "lpv_zoh_duffing", "plant_reactor",
+    "plant_cart", "plant_pmsm", "plant_flexible_arm", "plant_motor",
+)  # fmt: skip
+LORENZ = """spec_version: 1
+title: Lorenz system on a box that holds the attractor, x sampled
+plant:
+  states: [x, y, z]
+  parameters: {s: 10, r: 28, b: "8/3"}
+  dynamics: ["s*(y - x)", "r*x - y - x*z", "x*y - b*z"]
+  output: ["x"]
+  domain: {x: [-20, 20], y: [-28, 28], z: [0, 50]}
+measurement:
+  sampling: {max_period: 0.002}
+observer: {family: lpv_zoh, objective: max_period, rate_at_least: 0}
+"""
+REACTOR = """spec_version: 1
+title: Stirred reactor, temperature sampled
+plant:
+  states: [Ca, T]
+  inputs: {Tc: {range: [290, 310]}}
+  parameters: {q: 100, V: 100, Caf: 1, Tf: 350, k0: 7.2e10, ER: 8750, dH: 5e4, rhoCp: 239, UA: 5e4}
+  dynamics:
+    - q/V*(Caf - Ca) - k0*exp(-ER/T)*Ca
+    - q/V*(Tf - T) + dH/rhoCp*k0*exp(-ER/T)*Ca + UA/(V*rhoCp)*(Tc - T)
+  output: [T]
+  domain: {Ca: [0.4, 0.6], T: [345, 355]}
+measurement:
+  sampling: {max_period: 0.01}
+observer: {family: lpv_zoh, objective: max_period}
+"""
+LAUB_LOOMIS = """spec_version: 1
+title: Laub-Loomis, seven states, eight slopes that vary
+plant:
+  states: [x1, x2, x3, x4, x5, x6, x7]
+  dynamics:
+    - 1.4*x3 - 0.9*x1
+    - 2.5*x5 - 1.5*x2
+    - 0.6*x7 - 0.8*x2*x3
+    - 2 - 1.3*x3*x4
+    - 0.7*x1 - x4*x5
+    - 0.3*x1 - 3.1*x6
+    - 1.8*x6 - 1.5*x2*x7
+  output: [x1, x4]
+  domain: {x1: [0.4, 1.3], x2: [0.6, 1.4], x3: [0.8, 1.7], x4: [1.5, 2.7], x5: [0.5, 1.2], x6: [0, 0.3], x7: [0.1, 0.7]}
+measurement:
+  sampling: {max_period: 0.05}
+observer: {family: lpv_zoh, objective: given_period}
+"""
+ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS"), "1")
+
+
+def run(package: Path, spec: Path) -> tuple[float, dict] | None:
+    """Seconds of processor time, and the design; None where there is none."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    with tempfile.TemporaryDirectory() as out:
+        command = [sys.executable, "-m", "cdobs_cli", "synthesize", str(spec), "-o", out, "--effort", "1"]
+        environment = {**os.environ, **ONE_THREAD, "PYTHONPATH": str(package)}
+        subprocess.run(command, env=environment, cwd=package, capture_output=True, check=False)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        found = list(Path(out).rglob("design.json"))
+        design = json.loads(found[0].read_text()) if found else None
+    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return None if design is None else (seconds, design)
+
+
+def told(seconds: float, design: dict) -> str:
+    periods = [
+        float(next(reversed(certificate["sampling"].values())))
+        for certificate in design["certificates"]
+        if certificate["method"] not in ("any_gain", "open_loop")
+    ]
+    period = next(reversed(design["sampling"].values()))
+    return f"{seconds:7.1f} s  {design['outcome']:6s} law {period:>12s}  longest {max(periods, default=0.0):<12.8g}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", nargs="?", type=Path)
+    parser.add_argument("--spec", type=Path, nargs="*")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as made:
+        written = {"lorenz": LORENZ, "reactor": REACTOR, "laub_loomis": LAUB_LOOMIS}
+        for name, text in written.items():
+            (Path(made) / f"{name}.yaml").write_text(text)
+        specs = options.spec or [
+            *(HERE / "specs" / f"{name}.yaml" for name in NAMES), *(Path(made) / f"{name}.yaml" for name in written)
+        ]  # fmt: skip
+        for spec in specs:
+            print(spec.stem, flush=True)
+            here = run(HERE, spec.resolve())
+            print(f"  here   {told(*here) if here else 'no design'}", flush=True)
+            if options.folder is not None:
+                there = run(options.folder.resolve(), spec.resolve())
+                ratio = f"  ratio {here[0] / there[0]:.3f}" if here and there else ""
+                print(f"  there  {told(*there) if there else 'no design'}{ratio}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
