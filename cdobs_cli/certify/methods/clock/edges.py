@@ -59,7 +59,7 @@ def _reached(
     of the last, and its proof."""
     best: tuple[float, Shape] | None = None
     step, coarse = _STEP, max(_COARSE, width)
-    for shape in shapes(question):
+    for shape in _serving(question, of, start):
         value = end(of(shape), start, coarse, step, least)
         if value is None:
             continue
@@ -79,6 +79,16 @@ def _reached(
         if certificate is not None and certificate.prove(inside).holds:
             return certificate
     return None
+
+
+def _serving(question: Question, of: Callable[[Shape], Callable[[float], Height | None]], start: float) -> list[Shape]:
+    """The schedule from the first shape on that serves the start: those before end earlier; all where none does."""
+    schedule = list(shapes(question))
+    for k, shape in enumerate(schedule):
+        here = of(shape)(start)
+        if here is not None and here.margin > 0:
+            return schedule[k:]
+    return schedule
 
 
 def at_period(question: Question, T: float, share: float) -> Question:
