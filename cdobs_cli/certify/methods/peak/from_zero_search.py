@@ -137,11 +137,12 @@ def _downhill(tried: dict[float, _Least], rate: float) -> float:
         return float(np.clip(tried[sigma].slope, -1, 1)) * max(1 - sigma / rate, 1e-3)
 
     best = min(tried, key=lambda one: tried[one].bound)
-    beside = [one for one in tried if (one - best) * slope(best) < 0]
+    beyond = [one for one in tried if (one - best) * slope(best) < 0]
+    beside = beyond or [one for one in tried if one != best]
     curvature = _CURVATURE
     if beside:
         other = min(beside, key=lambda one: abs(one - best))
-        curvature = max((slope(other) - slope(best)) / (u(other) - u(best)), _CURVATURE / 4)
+        curvature = max((slope(other) - slope(best)) / (u(other) - u(best)), _CURVATURE / 8)
     if slope(best) ** 2 / (2 * curvature) < _ENOUGH:
         return 0.0
     return rate / (1 + float(np.exp(-u(best) + np.clip(slope(best) / curvature, -_STEP, _STEP))))
