@@ -212,6 +212,8 @@ def test_held_innovations_are_asked_in_every_window():
 class Known:
     """A certificate that says what it is told."""
 
+    reach = "error bound"
+
     def __init__(self, name: str, start: Box | None = None) -> None:
         self.name, self.start, self.covers = name, start, KNOWN.law
 
