@@ -115,6 +115,11 @@ def searching() -> Iterator[None]:
         watch._searches = outer
 
 
+def is_limited() -> bool:
+    """Whether searches will have to end at some time."""
+    return _WATCH.get().ends is not None
+
+
 def is_late() -> bool:
     """Whether the time is over: what is not needed is left out."""
     ends = _WATCH.get().ends

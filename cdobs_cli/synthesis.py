@@ -64,15 +64,20 @@ def new_design(spec: Spec, effort: int) -> Design:
 
 def _kept(spec: Spec, effort: int) -> Design:
     """The design that is kept. Where automatic slopes share functions: the one whose entries move together, if its
-    estimate is shown to stay for the typed initial errors; else the better of that one, for initial errors of its own,
-    and of the one whose entries move by themselves, which the continuation serves."""
+    estimate is shown to stay for the typed initial errors (and no longer period is in sight where one is asked for);
+    else the better of that one, for initial errors of its own, and of the one whose entries move by themselves, which
+    the continuation serves."""
     plant = spec.plant
     if not plant.is_to_be_found:
         return _design_over(plant, spec, effort)
+    if effort and getattr(spec.observer, "objective", None) == "max_period":
+        glance = _together(spec, 0)
+        if glance is not None and _holds_from_start(spec, glance) and _is_longer(_apart(spec, 0), glance):
+            apart = _apart(spec, effort)
+            if _is_longer(apart, glance):
+                return apart
     together = _together(spec, effort)
-    if together is not None and together.estimate.way == "everywhere":
-        return together
-    if together is not None and _holds_from_start(spec, together):
+    if together is not None and (together.estimate.way == "everywhere" or _holds_from_start(spec, together)):
         return together
     apart = _apart(spec, effort)
     if together is None:
@@ -104,13 +109,17 @@ def _holds_from_start(spec: Spec, design: Design) -> bool:
     return all(low.is_at_most(below) and above.is_at_most(high) for low, below, above, high in ends)
 
 
+def _is_longer(design: Design, other: Design) -> bool:
+    """Whether it serves, for longer periods."""
+    return _serves(design) and float(design.sampling.T_max) > float(other.sampling.T_max)
+
+
 def _says_more(spec: Spec, design: Design, other: Design) -> bool:
     """Whether the first is for longer periods under max_period; of a given gain, whether it alone is proved."""
     if design.outcome == "given":
         first, second = (spec.observer.certify(plant_of(spec, one), one, 0).verdict for one in (design, other))
         return first == "proved" != second
-    longer = float(design.sampling.T_max) > float(other.sampling.T_max)
-    return longer and getattr(spec.observer, "objective", None) == "max_period"
+    return _is_longer(design, other) and getattr(spec.observer, "objective", None) == "max_period"
 
 
 def _together(spec: Spec, effort: int) -> Design | None:

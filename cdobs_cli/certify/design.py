@@ -145,6 +145,17 @@ class _Synthesis:
         law = best.law if serving else self.plant.sampling
         return self._design("found" if serving else "short", law, best.gain, certificates, reason=_TIME)
 
+    def _quick_candidates(self) -> list[Candidate]:
+        """A gain found with little effort, at the law asked for or a shorter one; none where there is none."""
+        question = self.asked.with_effort(0).afresh()
+        for way in self.card.gain_searches(question):
+            for find in (way.at, way.nearest):
+                with suppress(NoDesignError):
+                    candidate = find(question)
+                    if candidate is not None:
+                        return [candidate]
+        return []
+
     def _proofs(self, best: Candidate) -> list[Method]:
         question = self.question.with_gain({self.card.letter: best.gain}).under(best.law)
         proposals = (rung.propose(question) for rung in self.card.rungs(question))
@@ -170,6 +181,8 @@ class _Synthesis:
         if slow is not None:
             self.asked = self.question
         self.searches = self.card.gain_searches(self.asked)
+        if progress.is_limited():  # first of all something, then something good
+            self.met = self._quick_candidates()
         serving, shorter, reason = self._met()
         if not (serving or shorter) and self.asked.rate:
             slow, self.asked = f"{reason}, at the rate {fraction_text(self.asked.rate)}", self.question

@@ -1,10 +1,10 @@
-"""Processor time and proved period of `cdobs synthesize`, and against another checkout, each in a process of its own.
+"""Processor time of a design with its check, and its proved period; against another checkout, each in its own process.
 
     python tests/benchmarks/bench_design.py [FOLDER] [--spec PATH ..]
 
 FOLDER holds the package of another version; both are run in turn on the same specs, at effort 1, one thread. Prints
-for each spec the seconds of processor time, the outcome, the law and the longest period among its certificates; with
-FOLDER also the ratio of the times. A spec that a version does not read has no row there.
+for each spec the seconds of processor time, the verdict, the law and the bracket of the period; with FOLDER also the
+ratio of the times. Of a spec of the same name in FOLDER that one is run there.
 """
 
 from __future__ import annotations
@@ -71,28 +71,26 @@ observer: {family: lpv_zoh, objective: given_period}
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS"), "1")
 
 
-def run(package: Path, spec: Path) -> tuple[float, dict] | None:
-    """Seconds of processor time, and the design; None where there is none."""
+def run(package: Path, spec: Path) -> tuple[float, dict, dict] | None:
+    """Seconds of processor time, the design and its check; None where there is none."""
+    own = package / "specs" / spec.name
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     with tempfile.TemporaryDirectory() as out:
-        command = [sys.executable, "-m", "cdobs_cli", "synthesize", str(spec), "-o", out, "--effort", "1"]
+        command = [sys.executable, "-m", "cdobs_cli", "check", str(own if own.is_file() else spec), "-o", out]
         environment = {**os.environ, **ONE_THREAD, "PYTHONPATH": str(package)}
         subprocess.run(command, env=environment, cwd=package, capture_output=True, check=False)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        found = list(Path(out).rglob("design.json"))
-        design = json.loads(found[0].read_text()) if found else None
+        found = [next(iter(Path(out).rglob(f"{name}.json")), None) for name in ("design", "check")]
+        documents = [json.loads(path.read_text()) for path in found if path is not None]
     seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return None if design is None else (seconds, design)
+    return (seconds, *documents) if len(documents) == 2 else None
 
 
-def told(seconds: float, design: dict) -> str:
-    periods = [
-        float(next(reversed(certificate["sampling"].values())))
-        for certificate in design["certificates"]
-        if certificate["method"] not in ("any_gain", "open_loop")
-    ]
+def told(seconds: float, design: dict, check: dict) -> str:
     period = next(reversed(design["sampling"].values()))
-    return f"{seconds:7.1f} s  {design['outcome']:6s} law {period:>12s}  longest {max(periods, default=0.0):<12.8g}"
+    bound = check["bounds"].get("period_max", {})
+    bracket = f"[{bound.get('proved')}, {bound.get('refuted')}]"
+    return f"{seconds:7.1f} s  {design['outcome']:6s} {check['verdict']:10s} law {period:>12s}  period {bracket}"
 
 
 def main() -> None:
