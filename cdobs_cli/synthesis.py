@@ -72,7 +72,7 @@ def _kept(spec: Spec, effort: int) -> Design:
         return _design_over(plant, spec, effort)
     if effort and getattr(spec.observer, "objective", None) == "max_period":
         glance = _together(spec, 0)
-        if glance is not None and _holds_from_start(spec, glance) and _is_longer(_apart(spec, 0), glance):
+        if glance is not None and _is_longer(_apart(spec, 0), glance):
             apart = _apart(spec, effort)
             if _is_longer(apart, glance):
                 return apart
