@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from flint import arb
 
@@ -70,14 +70,17 @@ def _kept(spec: Spec, effort: int) -> Design:
     plant = spec.plant
     if not plant.is_to_be_found:
         return _design_over(plant, spec, effort)
-    if effort and getattr(spec.observer, "objective", None) == "max_period":
-        glance = _together(spec, 0)
-        if glance is not None and _is_longer(_apart(spec, 0), glance):
-            apart = _apart(spec, effort)
-            if _is_longer(apart, glance):
-                return apart
-    together = _together(spec, effort)
+    glance = _at_a_glance(spec, effort)
+    wants_more = effort and getattr(spec.observer, "objective", None) == "max_period"
+    other = _apart(spec, 0) if glance is not None and wants_more else None
+    if glance is not None and other is not None and _is_longer(other, glance.design):
+        apart = _apart(spec, effort)
+        if _is_longer(apart, glance.design):
+            return apart
+    together = None if glance is None else glance.refined(spec, effort)
     if together is not None and (together.estimate.way == "everywhere" or _holds_from_start(spec, together)):
+        return together
+    if together is not None and other is not None and _is_longer(together, other):
         return together
     apart = _apart(spec, effort)
     if together is None:
@@ -122,35 +125,43 @@ def _says_more(spec: Spec, design: Design, other: Design) -> bool:
     return _is_longer(design, other) and getattr(spec.observer, "objective", None) == "max_period"
 
 
-def _together(spec: Spec, effort: int) -> Design | None:
-    """The design for slopes that move together, its estimate within a margin of the domain; None where they share
-    nothing."""
+class _Glance(NamedTuple):
+    """A design for slopes that move together, found with this effort, and the region that they are found over."""
+
+    design: Design
+    region: Plant
+    effort: int
+
+    def refined(self, spec: Spec, effort: int) -> Design:
+        """With all of the effort."""
+        if self.effort >= effort or progress.is_late():
+            return self.design
+        final = _design_over(self.region, spec, effort, together=True)
+        return self.design if progress.is_late() and not _serves(final) else final
+
+
+def _at_a_glance(spec: Spec, effort: int) -> _Glance | None:
+    """How wide a margin of the domain the estimate needs, and whether one serves, is seen with little effort; None
+    where slopes share nothing."""
     saturate = getattr(spec.observer, "saturate", None)
     if saturate in (None, True) or joint_slopes(spec.plant) is None:
         return None
     if initial_errors(spec) is None:
-        return _design_over(spec.plant.widened(_part_of_domain(spec.plant)), spec, effort, together=True)
-    # How wide a margin is needed, and whether one serves, is seen with little effort.
-    region, taken = spec.plant, 0
-    design = _design_over(region, spec, taken, together=True)
+        region = spec.plant.widened(_part_of_domain(spec.plant))
+        return _Glance(_design_over(region, spec, effort, together=True), region, effort)
+    taken = 0
+    design = _design_over(spec.plant, spec, taken, together=True)
     if design.outcome == "none" and effort:
         taken = effort
-        design = _design_over(region, spec, taken, together=True)
+        design = _design_over(spec.plant, spec, taken, together=True)
     if design.outcome == "none":
-        return design
-    if not _serves(design):
-        margin = _margin_needed(spec, design)
-        if not margin:
-            return design
-        region, taken = spec.plant.widened(margin), 0
-        wider = _design_over(region, spec, taken, together=True)
-        if not _serves(wider):
-            return design
-        design = wider
-    if taken == effort or progress.is_late():
-        return design
-    final = _design_over(region, spec, effort, together=True)
-    return design if progress.is_late() and not _serves(final) else final
+        return _Glance(design, spec.plant, effort)
+    if _serves(design):
+        return _Glance(design, spec.plant, taken)
+    margin = _margin_needed(spec, design)
+    region = spec.plant.widened(margin)
+    wider = _design_over(region, spec, 0, together=True) if margin else design
+    return _Glance(wider, region, 0) if _serves(wider) else _Glance(design, spec.plant, effort)
 
 
 def _part_of_domain(plant: Plant) -> dict[str, Exact]:

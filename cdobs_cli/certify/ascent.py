@@ -26,6 +26,7 @@ _ROUNDS = 24
 _SPAN = 1e3
 _NEAR = 0.1  # how far from the end the first-order estimate of it is taken
 _FIRST, _LARGEST, _SMALLEST = 0.2, 1.0, 1e-3  # radius of the trust region, in parts of the scale
+_STANDING = 1e-7  # of the room: a step that is none
 _GOOD, _POOR = 0.7, 0.1  # parts of the promised rise
 
 
@@ -200,3 +201,40 @@ def _updated(H: Array, s: Array, q: Array, *, first: bool) -> Array:
     left = np.eye(len(s)) - np.outer(s, q) / curvature
     updated: Array = left @ H @ left.T + np.outer(s, s) / curvature
     return updated
+
+
+def highest(
+    rise: Callable[[Array], tuple[float, Array]], room: Array, first: float, steps: int = 30, width: float = 1e-13
+) -> tuple[float, Array]:
+    """The largest value met from 0 on, and where, of a function that gives its value and its slope (k,).
+
+    Quasi-Newton steps (BFGS), cut at the walls of the room (k, 2); where there is no value, -inf, steps are cut too.
+    (SciPy's minimisers take longer to load than most of these climbs take.)
+
+    Args:
+        first: length of the first step's largest entry.
+        width: a rise that is none.
+    """
+    x = np.zeros(len(room))
+    best, slope = rise(x)
+    steepest = float(np.abs(slope).max())
+    if not (isfinite(best) and steepest > 0):
+        return best, x
+    H = np.eye(len(room)) * (first / steepest)
+    while steps > 0:
+        held = ((x <= room[:, 0]) & (slope < 0)) | ((x >= room[:, 1]) & (slope > 0))  # by a wall
+        aim = np.where(held, 0.0, (H * ~held) @ np.where(held, 0.0, slope))
+        step = np.clip(x + aim, room[:, 0], room[:, 1]) - x
+        value, after = rise(x + step)
+        steps -= 1
+        while steps > 0 and not value > best and np.abs(step).max() > _STANDING * np.ptp(room):
+            step, steps = step / 4, steps - 1
+            value, after = rise(x + step)
+        if not value > best:
+            break
+        change, gained = slope - after, value - best
+        x, best, slope = x + step, value, after
+        if gained < width:
+            break
+        H = _updated(H, step, change, first=False)
+    return best, x

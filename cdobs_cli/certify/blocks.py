@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cdobs_cli.certify.lmi import Cone, SparseColumns, ask_clarabel
+from cdobs_cli.certify.lmi import Cone, SparseColumns, ask_with_multipliers
 from cdobs_cli.certify.svec import svec
 
 if TYPE_CHECKING:
@@ -65,11 +65,28 @@ class BlockProgram:
 
     def minimise(self, cost: Array, tolerance: float = 1e-9) -> Array | None:
         """The solver's last iterate; None where it is no number."""
-        rows, columns, data = (np.concatenate(part) for part in (self._rows, self._columns, self._data))
-        A = SparseColumns.of(rows, columns, data, (self._height, self.size))
+        met = self.minimise_with_multipliers(cost, tolerance)
+        return None if met is None else met[0]
+
+    def minimise_with_multipliers(self, cost: Array, tolerance: float = 1e-9) -> tuple[Array, Array] | None:
+        """The same with the multipliers z of what is required: where its data move, the least cost moves by
+        -z'd(slack)."""
+        A = SparseColumns.of(*self._entries, (self._height, self.size))
         size = float(np.abs(cost).max()) / _COST or 1.0
-        x, record = ask_clarabel(
+        x, z, record = ask_with_multipliers(
             cost / size, A, np.concatenate(self._right), self._cones, tolerance, _ITERATIONS
         )  # fmt: skip
         usable = np.all(np.isfinite(x)) and "Infeasible" not in record.status
-        return x if usable else None
+        return (x, z * size) if usable else None
+
+    @property
+    def _entries(self) -> tuple[Any, Any, Array]:
+        """Rows, columns and data of A, in b - A x."""
+        rows, columns, data = (np.concatenate(part) for part in (self._rows, self._columns, self._data))
+        return rows, columns, data
+
+    def slack(self, x: Array) -> Array:
+        """b - A x, which is in the cones where all is met."""
+        rows, columns, data = self._entries
+        left: Array = np.concatenate(self._right) - np.bincount(rows, data * x[columns], self._height)
+        return left

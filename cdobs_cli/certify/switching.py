@@ -8,13 +8,14 @@ equal slopes are then merged and their lengths refined. What comes out is only p
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import accumulate, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cdobs_cli.certify.ascent import highest
 from cdobs_cli.certify.floats import exponentials
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
@@ -28,9 +29,6 @@ _STARTS = (0, 4, 8, 16)
 _SWEEPS = 12
 _PROMISING = 0.985  # a radius from which lengths are refined
 _SIMPLE = 1e12  # how large a left eigenvector may be beside its right one
-_STEPS = 30
-_STANDING = 1e-7  # of the room: a step that is none
-_GAINED = 1e-13  # of ln |lambda|: a gain that is none
 
 
 @dataclass(frozen=True)
@@ -219,40 +217,12 @@ class _Search:
             return float(np.log(cycle.size)), (by_length @ move) / cycle.size
 
         room = np.array([(-lengths[s] / 2.001, lengths[s + 1] / 2.001) for s in inner])
-        best, shifts = _climbed(ascent, room)
+        best, shifts = highest(ascent, room, float(np.ptp(room, axis=1).min()) / 8)
         refined = float(np.exp(best / len(arcs)))
         if not refined > radius:
             return radius, arcs
         moved = iter((lengths + move @ shifts).tolist())
         return refined, tuple(tuple((next(moved), corner) for _, corner in period) for period in arcs)
-
-
-def _climbed(ascent: Callable[[Array], tuple[float, Array]], room: Array) -> tuple[float, Array]:
-    """The largest value met from 0 on within the room, and where: quasi-Newton steps (BFGS), cut at the walls.
-    (SciPy's minimisers take longer to load than all of these climbs take.)"""
-    shifts = np.zeros(len(room))
-    best, slope = ascent(shifts)
-    steepest = np.abs(slope).max()
-    if not (np.isfinite(best) and steepest > 0):
-        return best, shifts
-    H = np.eye(len(room)) * (np.ptp(room, axis=1).min() / 8 / steepest)
-    for _ in range(_STEPS):
-        step = np.clip(shifts + H @ slope, room[:, 0], room[:, 1]) - shifts
-        value, after = ascent(shifts + step)
-        while not value > best and np.abs(step).max() > _STANDING * np.ptp(room):
-            step = step / 4
-            value, after = ascent(shifts + step)
-        if not value > best:
-            break
-        change, gained = slope - after, value - best
-        shifts, best, slope = shifts + step, value, after
-        if gained < _GAINED:
-            break
-        curvature = float(step @ change)
-        if curvature > 0:
-            left = np.eye(len(step)) - np.outer(step, change) / curvature
-            H = left @ H @ left.T + np.outer(step, step) / curvature
-    return best, shifts
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,11 @@ import pytest
 from example_inclusions import canonical, impulsive, periodic
 from noisy_examples import pendulum
 
+from cdobs_cli.certify.ascent import highest
 from cdobs_cli.certify.floats import exponentials
 from cdobs_cli.certify.methods.base import Question, read
 from cdobs_cli.certify.methods.counterexample import Attained, Counterexample
-from cdobs_cli.certify.switching import _climbed, _cycle
+from cdobs_cli.certify.switching import _cycle
 from cdobs_cli.exact.numbers import Exact
 
 
@@ -94,7 +95,7 @@ def test_a_climb_stays_in_its_room_and_finds_the_top() -> None:
         x, y = at
         return -((x - 1) ** 2) - 10 * (y - x / 2) ** 2, np.array([-2 * (x - 1) + 10 * (y - x / 2), -20 * (y - x / 2)])
 
-    best, at = _climbed(hill, np.array([[-3.0, 3.0], [-3.0, 3.0]]))
+    best, at = highest(hill, np.array([[-3.0, 3.0], [-3.0, 3.0]]), 0.7)
     assert best == pytest.approx(0, abs=1e-9) and at == pytest.approx([1, 0.5], abs=1e-5)
-    _, walled = _climbed(hill, np.array([[-0.5, 0.4], [-3.0, 3.0]]))
+    _, walled = highest(hill, np.array([[-0.5, 0.4], [-3.0, 3.0]]), 0.2)
     assert walled == pytest.approx([0.4, 0.2], abs=0.01)

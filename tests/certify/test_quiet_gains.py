@@ -28,10 +28,10 @@ from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.certificate import design_impulsive
 from cdobs_cli.certify.methods.clock.design import ImpulsiveGain
 from cdobs_cli.certify.methods.mean_square.aim import Aim, scales
-from cdobs_cli.certify.methods.mean_square.average import Average, amplification
+from cdobs_cli.certify.methods.mean_square.average import Average, amplification, amplification_slope
 from cdobs_cli.certify.methods.mean_square.power import PowerGain
 from cdobs_cli.certify.methods.peak.synthesis import best_gain
-from cdobs_cli.certify.methods.quiet_gains import capped_rate, fastest_rate, kept_rates
+from cdobs_cli.certify.methods.quiet_gains import capped_rate, descended, fastest_rate, kept_rates
 from cdobs_cli.certify.methods.rung import GENERAL
 from cdobs_cli.certify.simplex import smallest
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
@@ -238,3 +238,36 @@ def test_the_simplex_goes_down_a_bent_valley():
     assert len(asked) <= 10
     wall, least = smallest(lambda x: float(x[0]) if x[0] > 2 else np.inf, np.array([3.0]), np.array([0.5]), 60)
     assert 2 < wall[0] < 2.01 and least == wall[0]
+
+
+@pytest.mark.parametrize("law", [aperiodic("0.2", "0.4"), periodic("0.4")])
+def test_the_slope_of_an_amplification_is_that_of_differences(law):
+    """By the multipliers of one program, against central differences of the least mean square."""
+
+    def about(L):
+        return held(pendulum(law)).with_gain({"L": ExactMatrix.from_floats(L, 12)}).afresh()
+
+    L = ClockGain().at(held(pendulum(law))).gain.floats
+    aim = Aim.quiet(about(L), 0.05)
+    value, slope = amplification_slope(about(L), aim, "L")
+    assert value == pytest.approx(amplification(about(L), aim))
+    for i in range(2):
+        step = np.zeros_like(L)
+        step[i] = 1e-3
+        ends = [amplification(about(L + sign * step), aim) for sign in (1, -1)]
+        assert slope[i, 0] == pytest.approx((ends[0] - ends[1]) / 2e-3, rel=0.01, abs=1e-3 * value)
+
+
+def test_a_descent_along_slopes_ends_no_higher_than_one_without():
+    question = held(pendulum(periodic("0.4")))
+    start, aim = ClockGain().at(question), Aim.quiet(question, 0.2)
+
+    def value(about):
+        return amplification(about, aim)
+
+    def slope(about):
+        return amplification_slope(about, aim, "L")
+
+    plain = descended(question, "L", start, value, GENERAL, Fraction(1, 5))
+    along = descended(question, "L", start, value, GENERAL, Fraction(1, 5), slope=slope)
+    assert along.method is not None and -along.merit <= -plain.merit * 1.001

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from math import inf, log
+from math import exp, inf, isfinite, log
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cdobs_cli.certify.ascent import highest
 from cdobs_cli.certify.floats import exponentials, spectral_radii
 from cdobs_cli.certify.gains import Candidate, Merit
 from cdobs_cli.certify.kernel import kernel
@@ -27,12 +28,18 @@ from cdobs_cli.sampling import SamplingLaw
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
 
+# A value of a question's gain and its derivative by the gain's entries, (n, p); None where there is none.
+Slope = Callable[[Question], "tuple[float, Array] | None"]
+
 _WIDTH, _STEPS = 0.05, 8  # of the search for the fastest rate, half of which is asked for
 _FEW_STATES = 4  # where each step of it costs little
 _RATE_DIGITS = 6
 _PARTS = (Fraction(1), Fraction(99, 100), Fraction(9, 10))  # of the rate kept, where less is left by rounding
 _SLOW = 50  # periods in which the error falls to 1 % at least, where no disturbance keeps a gain from vanishing
 _STEP = 0.05  # of a gain's entries
+_ROOM = 400.0  # such steps
+_SLOPE_DIGITS = 12
+_LEAST_GAIN = 1e-4  # of a value, relative: what a descent ends at
 _PARTS_OF_SLOW = (Fraction(1), Fraction(1, 4), Fraction(1, 16))
 _SOLVES = (12, 36, 120, 400)  # of a descent, by effort: as many values of a mean square, fewer of n bounds
 
@@ -159,11 +166,11 @@ def proved(
 
 def descended(
     question: Question, letter: str, start: Candidate, value: Merit, rung: Rung, sigma: Fraction | None = None,
-    solves: int = 1,
+    solves: int = 1, slope: Slope | None = None,
 ) -> Candidate:  # fmt: skip
     """From a gain down the valley of a value, which is None where nothing is proved; what is met counts where its
     certificate is found at a rate of about sigma, the question's where it is not said. solves: semidefinite programs
-    that a value takes."""
+    that a value takes. slope: value and derivative by the gain's entries, where it has one."""
     rate = question.rate if sigma is None else sigma
     round_off = _round_off(question, letter)
 
@@ -175,7 +182,11 @@ def descended(
     first, steps = _entries(question, letter, start.gain)
     if not len(first):
         return start
-    entries, least = smallest(of, first, steps, max(2 * (len(first) + 1), _SOLVES[question.level] // solves))
+    budget = max(2 * (len(first) + 1), _SOLVES[question.level] // solves)
+    if slope is None:
+        entries, least = smallest(of, first, steps, budget)
+    else:
+        entries, least = _followed(question, letter, slope, first, steps, budget, rate)
     if least == inf:
         return start
     candidate = proved(question, letter, round_off(entries), -least, rung, rate)
@@ -183,6 +194,26 @@ def descended(
         return candidate
     at_start = of(first)
     return start if at_start == inf else replace(start, merit=-at_start)
+
+
+def _followed(
+    question: Question, letter: str, slope: Slope, first: Array, steps: Array, budget: int, rate: Fraction
+) -> tuple[Array, float]:
+    """The entries of the least value met along its slopes, and the value."""
+    rows = _free_rows(question, letter)
+
+    def rise(x: Array) -> tuple[float, Array]:
+        whole = np.zeros((question.plant.n, question.plant.p))
+        whole[rows] = (first + steps * x).reshape(len(rows), -1)
+        about = question.with_gain({letter: ExactMatrix.from_floats(whole, _SLOPE_DIGITS)})
+        met = slope(replace(about, memory=question.memory)) if _may_decay(about, rate) else None
+        if met is None or not met[0] > 0:
+            return -inf, np.zeros(len(first))
+        return -log(met[0]), -met[1][rows].reshape(-1) * steps / met[0]
+
+    room = np.array([(-_ROOM, _ROOM)] * len(first))
+    best, x = highest(rise, room, 1.0, budget, _LEAST_GAIN)
+    return first + steps * x, exp(-best) if isfinite(best) else inf
 
 
 def _may_decay(question: Question, rate: Fraction) -> bool:

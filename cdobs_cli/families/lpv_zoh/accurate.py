@@ -6,12 +6,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from fractions import Fraction
 from math import inf
+from typing import TYPE_CHECKING
 
 from cdobs_cli.certify.climb import GAIN_DIGITS
 from cdobs_cli.certify.gains import Candidate, Merit
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.mean_square.aim import Aim
-from cdobs_cli.certify.methods.mean_square.average import amplification
+from cdobs_cli.certify.methods.mean_square.average import amplification, amplification_slope
 from cdobs_cli.certify.methods.quiet_gains import (
     away_from_zero,
     capped_rate,
@@ -24,6 +25,9 @@ from cdobs_cli.certify.methods.rung import Rung
 from cdobs_cli.certify.methods.wirtinger.design import size
 from cdobs_cli.certify.search import short
 from cdobs_cli.exact.numbers import ExactMatrix
+
+if TYPE_CHECKING:
+    from cdobs_cli.arrays import Array
 
 _PARTS = (1.0, 0.75, 0.5, 0.3, 0.15)  # of a gain that decays fast
 _RATE_DIGITS = 6
@@ -70,6 +74,9 @@ def _least(
     def value(about: Question) -> float | None:
         return amplification(away_from_zero(about), aim)
 
+    def slope(about: Question) -> tuple[float, Array] | None:
+        return amplification_slope(away_from_zero(about), aim, "L")
+
     def of(L: ExactMatrix) -> float:
         met = value(question.with_gain({"L": L}).afresh())
         return inf if met is None else met
@@ -78,4 +85,6 @@ def _least(
     first = proved(question, "L", L, -of(L), rung, sigma)
     if first is None or not question.level:
         return first
-    return descended(question, "L", first, merit or value, rung, sigma, 1 if merit is None else question.plant.n)
+    if merit is not None:
+        return descended(question, "L", first, merit, rung, sigma, question.plant.n)
+    return descended(question.afresh(), "L", first, value, rung, sigma, slope=slope)

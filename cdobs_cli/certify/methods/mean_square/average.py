@@ -24,10 +24,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from flint import arb
 
+from cdobs_cli.certify.blocks import BlockProgram
 from cdobs_cli.certify.methods.base import NOTHING, Proof, Question
 from cdobs_cli.certify.methods.clock.form import Shape
 from cdobs_cli.certify.methods.mean_square.aim import Aim
-from cdobs_cli.certify.methods.mean_square.curves import Curves
+from cdobs_cli.certify.methods.mean_square.curves import Curves, Cut
 from cdobs_cli.certify.methods.mean_square.polynomial import (
     Proved,
     Texts,
@@ -41,9 +42,13 @@ from cdobs_cli.certify.methods.mean_square.polynomial import (
 from cdobs_cli.certify.methods.mean_square.setting import EPSILONS, Setting, padded, shape
 from cdobs_cli.certify.methods.mean_square.signals import identity_on, noise_floats, takes
 from cdobs_cli.certify.methods.mean_square.subject import MeanSquareOfAll
+from cdobs_cli.exact.numbers import ExactMatrix
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
+
+_DIGITS = 17
+_MOVED = 1e-6  # of a gain's largest entry
 
 
 @dataclass(frozen=True)
@@ -105,22 +110,46 @@ class AverageSearch:
 
     def solve(self, memory: dict[Any, Any]) -> tuple[float, Array] | None:
         """(root of gamma, coefficients of P): a guess."""
+        met = self.solve_with_multipliers(memory)
+        return None if met is None else (self.root(met[0][-1]), self.curves.coefficients(met[0])[0])
+
+    def solve_with_multipliers(self, memory: dict[Any, Any]) -> tuple[Array, Array] | None:
+        """The unknowns, gamma / size the last of them, and the multipliers of `posed`."""
         curves, key = self.curves, ("average", self.curves.shape)
         curves.cuts = set(memory.get(key, ()))
-        program = curves.program()
+        met = curves.minimise_with_multipliers(self._gamma, self._posed(self.size))
+        memory[key] = curves.cuts
+        return met
+
+    def root(self, gamma: float) -> float:
+        """The root of the average, gamma in parts of the size."""
+        return float(np.sqrt(max(gamma, 0.0) * self.size / self.T))
+
+    @property
+    def size(self) -> float:
+        """Of what is added."""
+        return max(float(np.abs(self.spread).max()), float(np.abs(self.drift).max())) or 1.0
+
+    @property
+    def _gamma(self) -> Array:
+        gamma = np.zeros(self.curves.size)
+        gamma[-1] = 1.0
+        return gamma
+
+    def slack(self, x: Array, size: float, cuts: set[Cut]) -> Array:
+        """What is left of every inequality at these unknowns, the flow's at these cuts."""
+        self.curves.cuts = cuts
+        return self.curves.with_flow(self._posed(size)).slack(x)
+
+    def _posed(self, size: float) -> BlockProgram:
+        """All but the flow inequality."""
+        curves, program = self.curves, self.curves.program()
         curves.require_jumps(program, self.jumps, 0, 0)
         curves.require_above(program, 0, [0], curves.epsilon * np.eye(curves.N))
-        gamma = np.zeros(curves.size)
-        gamma[-1] = 1.0
-        size = max(float(np.abs(self.spread).max()), float(np.abs(self.drift).max())) or 1.0
         rows = -curves.sum_rows(0, self.drift / size) - curves.start_row(0, self.spread / size)
-        rows = rows[curves.sampled] + curves.times[curves.sampled, None] * gamma
+        rows = rows[curves.sampled] + curves.times[curves.sampled, None] * self._gamma
         program.at_least(rows, np.zeros(len(rows)))
-        x = curves.minimise(gamma, program)
-        memory[key] = curves.cuts
-        if x is None:
-            return None
-        return float(np.sqrt(max(x[-1], 0.0) * size / self.T)), curves.coefficients(x)[0]
+        return program
 
 
 def amplification(question: Question, aim: Aim) -> float | None:
@@ -131,3 +160,29 @@ def amplification(question: Question, aim: Aim) -> float | None:
         return None
     met = AverageSearch.of(setting, shape(question, setting), aim, EPSILONS[0]).solve(question.memory)
     return None if met is None else met[0]
+
+
+def amplification_slope(question: Question, aim: Aim, letter: str) -> tuple[float, Array] | None:
+    """`amplification`, and its derivative by the entries of the gain, (n, p).
+
+    By the multipliers z of the program: d gamma = -z'd(slack), the slack of its inequalities taken at the same unknowns
+    for a gain moved a little."""
+    setting = Setting.of(question, padded(aim.Z, question.inclusion.floats.base.shape[0]))
+    if setting is None:
+        return None
+    form = shape(question, setting)
+    search = AverageSearch.of(setting, form, aim, EPSILONS[0])
+    met = search.solve_with_multipliers(question.memory)
+    if met is None:
+        return None
+    x, z = met
+    gain, root, cuts = question.gain(letter).floats, search.root(x[-1]), search.curves.cuts
+    here, step = search.slack(x, search.size, cuts), _MOVED * float(np.abs(gain).max() or 1.0)
+    slope = np.zeros(gain.shape)
+    for i, j in np.ndindex(*gain.shape):
+        moved = gain.copy()
+        moved[i, j] += step
+        about = question.with_gain({letter: ExactMatrix.from_floats(moved, _DIGITS)})
+        there = AverageSearch.of(Setting.in_units(about, setting.states), form, aim, EPSILONS[0])
+        slope[i, j] = -float(z @ (there.slack(x, search.size, cuts) - here)) / step
+    return root, slope * search.size / search.T / (2 * root) if root else slope

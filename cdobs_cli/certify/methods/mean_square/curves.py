@@ -162,24 +162,35 @@ class Curves:
 
     def minimise(self, cost: Array, program: BlockProgram, rounds: int = _ROUNDS) -> Array | None:
         """The solution of least cost over all corners, as far as floats tell; None where there is none."""
+        met = self.minimise_with_multipliers(cost, program, rounds)
+        return None if met is None else met[0]
+
+    def minimise_with_multipliers(
+        self, cost: Array, program: BlockProgram, rounds: int = _ROUNDS
+    ) -> tuple[Array, Array] | None:
+        """The same with the multipliers of what was required of it, `with_flow` of the program."""
         corners = range(len(self.flows))
         if not self.cuts:
             first = corners if len(corners) <= ALL_AT_ONCE else (0, len(corners) - 1)
             self.cuts = {(k, c, v) for k, c in self._places for v in first}
-        x, tolerance = None, _FINE if len(corners) <= ALL_AT_ONCE else _COARSE
+        met, tolerance = None, _FINE if len(corners) <= ALL_AT_ONCE else _COARSE
         for _ in range(rounds):
-            asked = program.copy()
-            self._require_flow(asked)
-            x = asked.minimise(cost, tolerance)
-            if x is None:
+            met = self.with_flow(program).minimise_with_multipliers(cost, tolerance)
+            if met is None:
                 return None
-            new = self._broken(x, tolerance) - self.cuts
+            new = self._broken(met[0], tolerance) - self.cuts
             if not new and tolerance == _FINE:
                 break
             if len(new) <= _FEW * len(self.cuts):
                 tolerance = _FINE
             self.cuts |= new
-        return x
+        return met
+
+    def with_flow(self, program: BlockProgram) -> BlockProgram:
+        """The program with the flow inequalities at the cuts."""
+        asked = program.copy()
+        self._require_flow(asked)
+        return asked
 
     @cached_property
     def _operators(self) -> tuple[Array, Array, Any, Any]:
