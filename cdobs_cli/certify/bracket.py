@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cdobs_cli.certificate import Witness
 from cdobs_cli.certify import search
-from cdobs_cli.certify.falsify import Word, refute
+from cdobs_cli.certify.falsify import Word, prove, refute
 from cdobs_cli.certify.floats import exponentials, spectral_radii
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
 
 _GROWTH = (1.3, 1.15, 1.07, 1.03)  # by effort: the step of the scan for a first refutation
+_FAST = 1.3  # the same step where nothing is left out by it
 _LEAST = 0.5  # of a period: how far a word is shrunk
 _WIDTH = 4e-6  # relative width down to which the first refutation is pressed
 
@@ -33,13 +35,45 @@ def smallest_refuted(
         effort: 0..3, finer steps and a stronger search at each period.
     """
     start = float(proved) if proved is not None else _fast_time(at)
-    growth, maps = _GROWTH[max(0, min(effort, 3))], at(Exact(1)).floats
+    one = at(Exact(1))
+    # A law of an interval of periods grows with its longest: what is refuted stays refuted.
+    growth, maps = _GROWTH[max(0, min(effort, 3))] if one.sampling.is_periodic else _FAST, one.floats
+
+    met: list[tuple[Word, Exact]] = []
+
+    def refuted(T: Exact) -> Witness | None:
+        """By the last word met, in proportion, or by one that is looked for."""
+        inclusion = at(T)
+        word = _at_period(*met[-1], T) if met else None
+        multiplier = None if word is None else prove(inclusion, word)
+        witness = (
+            refute(inclusion, effort) if word is None or multiplier is None else word.witness(inclusion, multiplier)
+        )
+        if witness is not None:
+            met.append((Word.from_witness(witness), T))
+        return witness
 
     def ends(witness: Witness, T: float) -> float:
         with np.errstate(all="ignore"):
             return _shrunk(maps, Word.from_witness(witness), T)
 
-    return search.smallest(lambda T: refute(at(T), effort), start, growth, _WIDTH, nearer=ends)
+    return search.smallest(refuted, start, growth, _WIDTH, nearer=ends)
+
+
+def _at_period(word: Word, T: Exact, other: Exact) -> Word | None:
+    """A word in which those of its periods that are T long are another period long, their arcs in proportion; None
+    where none is."""
+    share = float(other) / float(T)
+    periods = []
+    for period in word.periods:
+        if sum(float(arc.length) for arc in period) > float(T) * (1 - _WIDTH):
+            lengths = [search.short(float(arc.length) * share, 12) for arc in period[:-1]]
+            last = other
+            for length in lengths:
+                last = last - length
+            period = tuple(replace(arc, length=length) for arc, length in zip(period, [*lengths, last], strict=True))
+        periods.append(period)
+    return replace(word, periods=tuple(periods)) if tuple(periods) != word.periods else None
 
 
 def _shrunk(maps: ErrorMaps[Array], word: Word, T: float) -> float:

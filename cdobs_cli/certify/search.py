@@ -157,15 +157,18 @@ def smallest(
             return None
         T = short(high)
         refutation = refute(T)
-    best, guess = (T, refutation), nearer
+    best, step = (T, refutation), 0.0
     while high - low > width * high:
-        middle = (low + high) / 2
-        if guess is not None:  # just below the guess nothing may be left
-            middle = max(low, min(guess(best[1], high), high - 0.9 * width * high))
-        T = short(middle)
+        tried = (low + high) / 2
+        if step:  # the guess was a little too low
+            tried = min(low + step, tried)
+        elif nearer is not None:
+            guess = min(nearer(best[1], high), high - 0.9 * width * high)
+            tried = guess if guess > low else min(low + width * high, tried)
+        T = short(tried)
         refutation = refute(T) if float(T) > start else None
         if refutation is None:
-            low, guess = middle, None
+            low, step = tried, max(4 * step, width * high) if nearer is not None else 0.0
         else:
-            high, best, guess = middle, (T, refutation), nearer
+            high, best, step = tried, (T, refutation), 0.0
     return best

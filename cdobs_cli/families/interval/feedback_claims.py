@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from cdobs_cli.certificate import Bound, Status, Witness
-from cdobs_cli.certify.bracket import smallest_refuted
 from cdobs_cli.exact.numbers import Exact, lower_text
 from cdobs_cli.families.interval.analysis import Analysis
-from cdobs_cli.families.interval.held_loop import HeldLoop, held_inclusion, refute_held_loop
+from cdobs_cli.families.interval.held_loop import HeldLoop, HeldLoopLost, refute_held_loop
 from cdobs_cli.families.interval.method import SOURCE
 from cdobs_cli.families.interval.theorem_2 import Theorem2, gain_limit, refute_theorem_2
 
@@ -17,9 +16,10 @@ def separation(a: Analysis) -> Status:
     text = "Separation: the errors do not depend on u, and xdot = A x + B (K_lower + K_upper) S x(t_k) is stable"
     text += f" for every {a.law.symbols}"
     proved_until = max(a.periods(HeldLoop), key=float, default=None)
-    refuted = smallest_refuted(lambda T: held_inclusion(a.question.at(T)), proved_until, a.effort)
+    above = 0.0 if proved_until is None else float(proved_until)
+    refuted = min((T for T in a.periods(HeldLoopLost) if float(T) > above), key=float, default=None)
     a.bounds["held_loop_period_max"] = Bound(
-        None if proved_until is None else lower_text(proved_until.ball()), None if refuted is None else str(refuted[0]),
+        None if proved_until is None else lower_text(proved_until.ball()), None if refuted is None else str(refuted),
         method="common quadratic function of x(t_k)", about="the plant with the feedback, without disturbance",
     )  # fmt: skip
     if a.own(HeldLoop) is not None:

@@ -10,31 +10,31 @@ without it, and the state stays bounded for all bounded data exactly if the held
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from flint import arb
 
 from cdobs_cli.arrays import Array
-from cdobs_cli.certificate import Witness
+from cdobs_cli.certificate import Certificate, Witness
 from cdobs_cli.certify import search
 from cdobs_cli.certify.ball import eigenvalues
 from cdobs_cli.certify.bracket import smallest_refuted
 from cdobs_cli.certify.definite import has_positive_pivots
-from cdobs_cli.certify.falsify import refute
+from cdobs_cli.certify.falsify import refute, refutes
 from cdobs_cli.certify.lmi import Program, full
 from cdobs_cli.certify.lmi import symmetric as symmetric_unknown
-from cdobs_cli.certify.methods.base import Proof, Question
+from cdobs_cli.certify.methods.base import Proof, Question, Reach
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix, block, symmetric
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.interval.errors import error_maps
 from cdobs_cli.families.interval.held import flows, growth, growth_and_slope, holds_under, tried_periods
-from cdobs_cli.families.interval.method import DIGITS, Part, between, largest_margin
+from cdobs_cli.families.interval.method import DIGITS, Gain, Part, between, largest_margin
 from cdobs_cli.families.interval.parts import identity_like, symmetrised, zeros_like
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, PlantView
@@ -68,10 +68,20 @@ class HeldLoop(Part):
     def longest(cls, question: Question) -> Self | None:
         """Between the law's own period, where that is proved, and the first refuted one."""
         own = cls.propose(question)
-        start = None if own is None else own.law.T_max
-        refuted = smallest_refuted(lambda T: held_inclusion(question.at(T)), start, question.effort)
-        high = search.short(20 * float(question.law.T_max), 6) if refuted is None else refuted[0]
-        low = search.short(float(high) / 100, 6) if start is None else start
+        return cls._between(question, own, HeldLoopLost.above(question, own))
+
+    @classmethod
+    def stored(cls, question: Question) -> Sequence[Part]:
+        """With the first refuted period."""
+        own = cls.propose(question)
+        lost = HeldLoopLost.above(question, own)
+        proved = [one for one in (own, cls._between(question, own, lost)) if one is not None]
+        return [*{one.law: one for one in proved}.values(), *([lost] if lost is not None else [])]
+
+    @classmethod
+    def _between(cls, question: Question, own: Self | None, lost: HeldLoopLost | None) -> Self | None:
+        high = search.short(20 * float(question.law.T_max), 6) if lost is None else lost.law.T_max
+        low = search.short(float(high) / 100, 6) if own is None else own.law.T_max
         return between(lambda T: cls.propose(question.at(T)), low, high, _WIDTH)
 
     def _prove(self, question: Question) -> Proof:
@@ -86,6 +96,44 @@ class HeldLoop(Part):
         if P.shape != A.shape or not has_positive_pivots(P):
             return Proof.of(False)
         return Proof.of(holds_under(self.law, lambda s: has_positive_pivots(decrease_over(P, A, closed, s)[1])))
+
+
+@dataclass(frozen=True)
+class HeldLoopLost(Part):
+    """A word of periods under which the held loop does not decay, as `falsify` writes it."""
+
+    witness: dict[str, Any]
+
+    name = "held_loop_lost"
+    rung = "separation"
+    how = "eigenvalue of the sampled loop"
+    reach: ClassVar[Reach] = "no convergence"
+
+    @classmethod
+    def applies(cls, question: Question) -> bool:
+        return HeldLoop.applies(question)
+
+    @classmethod
+    def propose(cls, question: Question) -> Self | None:
+        met = refute(held_inclusion(question), question.effort)
+        return None if met is None else cls(question.law, met.document())
+
+    @classmethod
+    def above(cls, question: Question, own: HeldLoop | None) -> Self | None:
+        """Of the first period refuted above what is proved."""
+        start = None if own is None else own.law.T_max
+        met = smallest_refuted(lambda T: held_inclusion(question.at(T)), start, question.effort)
+        return None if met is None else cls(question.law.with_period(met[0]), met[1].document())
+
+    @classmethod
+    def stored(cls, question: Question) -> Sequence[Part]:
+        return []  # with the certificates of `HeldLoop`
+
+    def certificate(self, gain: Gain | None = None) -> Certificate:
+        return Certificate(self.name, self.law, {"witness": self.witness})
+
+    def _prove(self, question: Question) -> Proof:
+        return Proof.of(refutes(held_inclusion(question), Witness.from_document(self.witness)))
 
 
 def decrease_over(P: Matrix, A: Matrix, closed: Matrix, s: arb) -> tuple[Matrix, Matrix]:

@@ -10,6 +10,7 @@ It stays bounded where |S F(s) S^-1| contracts in one weighted norm for every pe
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
@@ -71,7 +72,7 @@ class Hull(Part):
         return search.longest(lambda T: cls.propose(question.at(T)), question.law.T_max, _WIDTH)
 
     @classmethod
-    def stored(cls, question: Question) -> list[Self]:
+    def stored(cls, question: Question) -> Sequence[Part]:
         if question.card.tighten == "hull":
             return super().stored(question)
         hull = cls.propose(question)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from fractions import Fraction
 from typing import Any, Self, TypeVar
@@ -33,7 +33,7 @@ class Part(Method, ABC):
         return None
 
     @classmethod
-    def stored(cls, question: Question) -> list[Self]:
+    def stored(cls, question: Question) -> Sequence[Part]:
         """What is worth storing for a design: the certificate of its law, and that of the longest period found."""
         certificates = [part for part in (cls.propose(question), cls.longest(question)) if part is not None]
         return list({part.law: part for part in certificates}.values())
