@@ -19,6 +19,7 @@ T_ = TypeVar("T_")
 FACTOR = 1.6
 STEPS = 24
 SPAN = 1e3
+_CREEP = 0.1  # of what is left between two ends: a step that is shorter closes nothing in
 # Relative width at which a search ends, by effort: where each proof costs a search of its own, and where it is quick.
 _DEAR = (Fraction(1, 100), Fraction(1, 500), Fraction(1, 2000), Fraction(1, 10000))
 _QUICK = (Fraction(1, 20000), Fraction(1, 20000), Fraction(1, 20000), Fraction(1, 100000))
@@ -157,16 +158,17 @@ def smallest(
             return None
         T = short(high)
         refutation = refute(T)
-    best, step = (T, refutation), 0.0
+    best, step, crept = (T, refutation), 0.0, False
     while high - low > width * high:
         tried = (low + high) / 2
         if step:  # the guess was a little too low
             tried = min(low + step, tried)
-        elif nearer is not None:
+        elif nearer is not None and not crept:
             guess = min(nearer(best[1], high), high - 0.9 * width * high)
             tried = guess if guess > low else min(low + width * high, tried)
         T = short(tried)
         refutation = refute(T) if float(T) > start else None
+        crept = refutation is not None and high - tried < _CREEP * (high - low)  # more is left than the guess said
         if refutation is None:
             low, step = tried, max(4 * step, width * high) if nearer is not None else 0.0
         else:
