@@ -93,7 +93,7 @@ def size(spec: Spec) -> int:
 
 def _period(design: Design, check: Check) -> str | None:
     """The longest period proved: the law's own, or a bound beyond it."""
-    own = str(design.sampling.T_max) if check.verdict == "proved" and design.sampling.is_bounded else None
+    own = str(design.sampling.period) if check.verdict == "proved" and design.sampling.is_bounded else None
     bounds = [_proved(check, name) for name in _PERIODS]
     return max((text for text in (own, *bounds) if text is not None), key=_number, default=None)
 

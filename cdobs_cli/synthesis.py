@@ -114,7 +114,7 @@ def _holds_from_start(spec: Spec, design: Design) -> bool:
 
 def _is_longer(design: Design, other: Design) -> bool:
     """Whether it serves, for longer periods."""
-    return _serves(design) and float(design.sampling.T_max) > float(other.sampling.T_max)
+    return _serves(design) and float(design.sampling.period) > float(other.sampling.period)
 
 
 def _says_more(spec: Spec, design: Design, other: Design) -> bool:
@@ -271,7 +271,7 @@ def is_design_of(spec: Spec, stored: Design) -> bool:
     asked, law = spec.plant.sampling, stored.sampling
     if law == asked:
         return True
-    longer = (law.T_max - asked.T_max).sign() == 1 and law == asked.with_period(law.T_max)
+    longer = (law.period - asked.period).sign() == 1 and law == asked.with_period(law.period)
     return longer and getattr(spec.observer, "objective", None) == "max_period"
 
 

@@ -41,7 +41,8 @@ class Sized:
 
 def sized(question: Question, methods: Sequence[type[Method]] = METHODS) -> list[Sized]:
     """Of a gain under its law: of every name that these methods bound the least bound. Uses the solver."""
-    if not question.plant.is_perturbed or question.inclusion.assemble_noise is None:
+    asked = question.plant.is_perturbed and question.law.is_bounded
+    if not asked or question.inclusion.assemble_noise is None:
         return []
     least: dict[str, Sized] = {}
     for method, about in _asked(question.afresh(), methods):

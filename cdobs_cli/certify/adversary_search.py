@@ -292,6 +292,8 @@ def _periods(inclusion: HybridInclusion) -> list[Exact]:
     law = inclusion.sampling
     if law.is_periodic or law.T_max.sign() != 1:
         return [law.T_max] if law.T_max.sign() == 1 else []
+    if law.is_lossy:
+        return list(dict.fromkeys((law.T_max, law.multiples[len(law.multiples) // 2], law.T_min)))
     half = Exact(Fraction(1, 2))
     short = law.T_max * Exact(Fraction(1, 6)) if law.from_zero else law.T_min
     return [law.T_max, (short + law.T_max) * half, short]

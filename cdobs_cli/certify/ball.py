@@ -86,6 +86,12 @@ def has_spectral_radius_at_least(M: Matrix, radius: Any = 1) -> bool:
     return bool(spectral_radius_lower(M) >= arb(radius))
 
 
+def has_eigenvalue_beyond(M: Matrix) -> bool:
+    """Whether a real eigenvalue >= 1 is proved by the sign of det(I - M), exactly 0 too: of a map that keeps a cone, as
+    that of a mean square, the spectral radius is an eigenvalue."""
+    return is_finite(M) and bool(arb(determinant(Matrix.identity(M.shape[0]) - M)) <= 0)
+
+
 def has_spectral_radius_below(M: Matrix, radius: Any = 1) -> bool:
     """Whether rho(M) < radius is proved: |(M / radius)^(2^k)| < 1 for some k, in balls."""
     if not is_finite(M):

@@ -36,9 +36,9 @@ def smallest_refuted(
     """
     start = float(proved) if proved is not None else _fast_time(at)
     one = at(Exact(1))
+    law, maps = one.sampling, one.floats
     # A law of an interval of periods grows with its longest: what is refuted stays refuted.
-    growth, maps = _GROWTH[max(0, min(effort, 3))] if one.sampling.is_periodic else _FAST, one.floats
-
+    growth = _FAST if law.is_bounded and not law.multiples else _GROWTH[max(0, min(effort, 3))]
     met: list[tuple[Word, Exact]] = []
 
     def refuted(T: Exact) -> Witness | None:
@@ -57,7 +57,7 @@ def smallest_refuted(
         with np.errstate(all="ignore"):
             return _shrunk(maps, Word.from_witness(witness), T)
 
-    return search.smallest(refuted, start, growth, _WIDTH, nearer=ends)
+    return search.smallest(refuted, start, growth, _WIDTH, nearer=None if law.is_random else ends)
 
 
 def _at_period(word: Word, T: Exact, other: Exact) -> Word | None:
@@ -66,9 +66,10 @@ def _at_period(word: Word, T: Exact, other: Exact) -> Word | None:
     share = float(other) / float(T)
     periods = []
     for period in word.periods:
-        if sum(float(arc.length) for arc in period) > float(T) * (1 - _WIDTH):
+        total = sum(float(arc.length) for arc in period)
+        if total > float(T) * (1 - _WIDTH):
             lengths = [search.short(float(arc.length) * share, 12) for arc in period[:-1]]
-            last = other
+            last = other * Exact(round(total / float(T)))  # several of them where samples were lost
             for length in lengths:
                 last = last - length
             period = tuple(replace(arc, length=length) for arc, length in zip(period, [*lengths, last], strict=True))

@@ -109,7 +109,7 @@ def proved_of_the_plant(check: Check, law: SamplingLaw, confinement: Confinement
 
 def _at_most(proved: str, law: SamplingLaw) -> str:
     """The proved end, not beyond the law's own period."""
-    return proved if proved != "inf" and Exact(proved).is_at_most(law.T_max) else text_below(law.T_max)
+    return proved if proved != "inf" and Exact(proved).is_at_most(law.period) else text_below(law.period)
 
 
 def _unknown(plant: Plant) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from fractions import Fraction
 
-from cdobs_cli.exact.numbers import arb_fraction
+from cdobs_cli.exact.numbers import Exact, arb_fraction
 from cdobs_cli.sampling import SamplingLaw
 
 _PIECES = 400
@@ -37,8 +37,11 @@ def covered(
 
 def law_ends(law: SamplingLaw) -> tuple[Fraction, Fraction]:
     """Rational ends of an interval that holds every period of the law; 0 only for T_min = 0 itself."""
-    low, high = law.T_min.rational, law.T_max.rational
-    return (
-        arb_fraction(law.T_min.ball().lower()) if low is None else low,
-        arb_fraction(law.T_max.ball().upper()) if high is None else high,
-    )
+    return ends_of(law.T_min)[0], ends_of(law.T_max)[1]
+
+
+def ends_of(T: Exact) -> tuple[Fraction, Fraction]:
+    """Rational ends of an interval that holds T: T itself where it is rational."""
+    if T.rational is not None:
+        return T.rational, T.rational
+    return arb_fraction(T.ball().lower()), arb_fraction(T.ball().upper())

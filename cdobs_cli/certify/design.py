@@ -130,8 +130,8 @@ class _Synthesis:
 
     def best_so_far(self) -> Design:
         """Where the time for searches is over: the best candidate that was met, with the certificates found for it."""
-        longest = self.plant.sampling.T_max
-        serving = [one for one in self.met if longest.is_at_most(one.law.T_max)]
+        longest = self.plant.sampling.period
+        serving = [one for one in self.met if longest.is_at_most(one.law.period)]
         best = max(serving or self.met, key=lambda one: one.merit, default=None)
         if best is None and self.given is not None:
             return self._design("given", self.plant.sampling, self.given, [one.certificate() for one in self.own])
@@ -253,7 +253,7 @@ class _Synthesis:
             about = self.asked.at(T).with_gain({self.card.letter: candidate.gain})
             return None if self._exceeded(accuracy.of_states(about)) else replace(candidate, merit=float(T))
 
-        return search.longest(within, self.plant.sampling.T_max, search.tolerance(self.question.effort))
+        return search.longest(within, self.plant.sampling.period, search.tolerance(self.question.effort))
 
     def _exceeded(self, proved: Mapping[str, arb]) -> str | None:
         """What is above `error_at_most`, or not proved, by the bounds of the states' errors; None where nothing is."""
@@ -271,8 +271,8 @@ class _Synthesis:
             candidates, reason = self._candidates(), self.card.why_nothing(self.asked)
         except NoDesignError as none:
             candidates, reason = [], str(none)
-        longest = self.plant.sampling.T_max
-        serving = [one for one in candidates if longest.is_at_most(one.law.T_max)]
+        longest = self.plant.sampling.period
+        serving = [one for one in candidates if longest.is_at_most(one.law.period)]
         if not candidates:
             candidates = self._found(lambda way: way.nearest(self.asked.afresh()))
         return serving, [] if serving else candidates, reason
@@ -286,10 +286,10 @@ class _Synthesis:
     def _short(self, shorter: list[Candidate], reason: str) -> Design:
         """The gain of the longest period met below the one asked for, under the law that was asked for."""
         law = self.plant.sampling
-        best = max(shorter, key=lambda candidate: float(candidate.law.T_max), default=None)
+        best = max(shorter, key=lambda candidate: float(candidate.law.period), default=None)
         if best is None:
             return self._without(reason)
-        told = f"{reason}; the longest period met with a proof is {best.law.T_max}, whose gain is kept"
+        told = f"{reason}; the longest period met with a proof is {best.law.period}, whose gain is kept"
         costly = costliest(self.plant, self._quickly)
         advice = f"; {costly}" if costly is not None else ""
         return self._certified("short", replace(best, law=law), (), f"{told}{advice}")
@@ -299,7 +299,7 @@ class _Synthesis:
         question = self.card.question(plant, {}, 0).with_rate(self.asked.rate)
         searches = self.card.gain_searches(question)[:1]
         met = (way.nearest(question) for way in searches)
-        return max((float(one.law.T_max) for one in met if one is not None), default=0.0)
+        return max((float(one.law.period) for one in met if one is not None), default=0.0)
 
     def _without(self, reason: str) -> Design:
         beyond = self.card.beyond(self.question, ())
@@ -313,8 +313,8 @@ class _Synthesis:
         laws = [law]
         for rung in self.card.rungs(self.asked):
             longest = rung.longest(self.asked.afresh(), self.card.rate_share)
-            laws += [law.with_period(longest.law.T_max)] if longest is not None else []
-        return max(laws, key=lambda one: float(one.T_max))
+            laws += [law.with_period(longest.law.period)] if longest is not None else []
+        return max(laws, key=lambda one: float(one.period))
 
     def _certified(
         self, outcome: Outcome, best: Candidate, others: Iterable[Candidate], reason: str | None = None

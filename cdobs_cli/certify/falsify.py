@@ -23,11 +23,18 @@ from flint import arb
 
 from cdobs_cli import progress
 from cdobs_cli.certificate import Witness
-from cdobs_cli.certify.ball import has_spectral_radius_at_least, is_hurwitz, null_space, spectral_radius_lower
+from cdobs_cli.certify.ball import (
+    has_eigenvalue_beyond,
+    has_spectral_radius_at_least,
+    is_hurwitz,
+    null_space,
+    spectral_radius_lower,
+)
 from cdobs_cli.certify.floats import exponentials, spectral_radii
+from cdobs_cli.certify.symmetric_power import power
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.matrix import Matrix, block
-from cdobs_cli.exact.numbers import Exact, decimal_text, lower_text
+from cdobs_cli.exact.numbers import Exact, decimal_text, lower_text, upper_text
 from cdobs_cli.exact.rational import simplify
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
 from cdobs_cli.plant import Quantity
@@ -39,6 +46,7 @@ if TYPE_CHECKING:
 _ALL_CORNERS = 10  # up to 2^10 corners are all tried, beyond that an ascent picks some
 _PERIOD_WORDS = 6
 _MOST_JUMPS = 64  # corners of the jump that are tried
+_MOST_IN_THE_MEAN = 8  # states of an error whose E e e' is followed
 _SLACK = 1e-7  # how far below 1 a float spectral radius may be for a proof to be tried
 
 
@@ -122,9 +130,10 @@ def refute(inclusion: HybridInclusion, effort: int) -> Witness | None:
     periods the law contains; words of mixed periods for a linear loop; and from effort 1 on V(t) that switch
     between corners, over words of several periods.
     """
-    progress.doing(f"counterexamples at T = {float(inclusion.sampling.T_max):.6g}")
+    progress.doing(f"counterexamples at T = {float(inclusion.sampling.period):.6g}")
+    every = (_unseen_words, _constant_words, _period_words, _switching_words)
     with np.errstate(all="ignore"):
-        for words in (_unseen_words, _constant_words, _period_words, _switching_words):
+        for words in (_mean_words,) if inclusion.sampling.is_random else every:
             for word in words(inclusion, effort):
                 multiplier = prove(inclusion, word)
                 if multiplier is not None:
@@ -144,7 +153,10 @@ def refutes(inclusion: HybridInclusion, witness: Witness) -> bool:
 
 
 def prove(inclusion: HybridInclusion, word: Word) -> arb | None:
-    """A lower bound of rho(M) where rho(M) >= 1 is proved for an admissible word; None otherwise."""
+    """A lower bound of rho(M) where rho(M) >= 1 is proved for an admissible word; None otherwise. Where samples are
+    lost by chance the word is one period of constant slopes, and M is what a sample makes of E e e'."""
+    if inclusion.sampling.is_random:
+        return _prove_in_the_mean(inclusion, word)
     if not all(is_admissible(inclusion, *sample) for sample in word.samples):
         return None
     M = monodromy(inclusion.balls, word)
@@ -153,6 +165,21 @@ def prove(inclusion: HybridInclusion, word: Word) -> arb | None:
         return arb(1) if len(values) == 1 and leaves_unseen(inclusion, *values.pop()) else None
     bound = spectral_radius_lower(M)
     return bound if bound > 1 else arb(1)
+
+
+def _prove_in_the_mean(inclusion: HybridInclusion, word: Word) -> arb | None:
+    samples = list(word.samples)
+    if len(samples) != 1 or len(samples[0][0]) != 1:
+        return None
+    ((arc,), w), law = samples[0], inclusion.sampling
+    alike = are_within(arc.values, inclusion.quantities) and are_within(w, inclusion.outputs)
+    if not alike or (arc.length - law.T_min).sign() != 0:
+        return None
+    maps, p = inclusion.balls, law.probability.scalar
+    F = maps.flow(tuple(value.scalar for value in arc.values)).exp(arc.length.scalar)
+    JF = maps.jump_at(tuple(value.scalar for value in w)) @ F
+    kept, lost = (Matrix.from_rows(power(M.balls().tolist(), 2)) for M in (JF, F))
+    return arb(1) if has_eigenvalue_beyond((kept * (1 - p) + lost * p).balls()) else None
 
 
 def monodromy(maps: ErrorMaps[Matrix], word: Word) -> Matrix:
@@ -176,7 +203,7 @@ def is_admissible(inclusion: HybridInclusion, period: tuple[Arc, ...], w: tuple[
         length = length + arc.length
     if len(period) > 1 and length.rational is None:  # balls cannot tell a period from the arcs that it is made of
         length = Exact(simplify(length.expression))
-    return inclusion.sampling.T_min.is_at_most(length) and length.is_at_most(inclusion.sampling.T_max)
+    return inclusion.sampling.allows(length)
 
 
 def are_within(values: tuple[Exact, ...], quantities: tuple[Quantity, ...]) -> bool:
@@ -272,13 +299,14 @@ def _period_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
     low, high = law.T_min, law.T_max
     if inclusion.entries or inclusion.outputs or low == high or high.sign() != 1 or not _finite(maps):
         return
-    for proposal in propose(maps.base, maps.jump, float(low), float(high), effort)[:_PERIOD_WORDS]:
+    grid = tuple(map(float, law.multiples))
+    for proposal in propose(maps.base, maps.jump, float(low), float(high), effort, grid)[:_PERIOD_WORDS]:
         if proposal.radius < 1 - _SLACK:
             return
         periods = []
         for period in proposal.periods:
             T = Exact(decimal_text(period, 12))
-            ends = [end for end in (low, high) if end.sign() == 1 and not (low.is_at_most(T) and T.is_at_most(high))]
+            ends = law.multiples or tuple(end for end in (low, high) if end.sign() == 1 and not law.allows(T))
             periods.append(min(ends, key=lambda end: abs(float(end) - period)) if ends else T)
         yield Word(tuple((Arc(T, ()),) for T in periods))
 
@@ -305,10 +333,34 @@ def _constant_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
         yield Word(((Arc(T, _values(inclusion, corner)),),), (w,) if w else ())
 
 
+def _mean_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
+    """Constant corners, the one first for which E e e' grows most at a sample that is lost by chance."""
+    maps, law = inclusion.floats, inclusion.sampling
+    if not _finite(maps) or maps.base.shape[0] > _MOST_IN_THE_MEAN:
+        return
+    p, found = float(law.probability), []
+    for corner in islice(candidate_corners(inclusion), 2**_ALL_CORNERS):
+        F = exponentials(maps.flow(_floats(inclusion, corner))[None] * float(law.T_min))[0]
+        if not np.all(np.isfinite(F)):
+            return
+        for bits in islice(product((False, True), repeat=len(inclusion.outputs)), _MOST_JUMPS):
+            w = ends_of(inclusion.outputs, bits)
+            JF = maps.jump_at(tuple(map(float, w))) @ F
+            mean = np.array(power(JF, 2)) * (1 - p) + np.array(power(F, 2)) * p
+            radius = spectral_radii(mean[None])[0]
+            if radius >= 1 - _SLACK:
+                found.append((radius, corner, w))
+    found.sort(key=lambda item: -item[0])
+    for _, corner, w in found[:2]:
+        yield Word(((Arc(law.T_min, _values(inclusion, corner)),),), (w,) if w else ())
+
+
 def candidate_periods(law: SamplingLaw, effort: int) -> list[Exact]:
     """Periods of the law worth a try: its ends, and for an interval some between (0 is never used: a law
     from 0 contains arbitrarily short periods, not the period 0)."""
     ends = [T for T in (law.T_max, law.T_min) if T.sign() == 1]
+    if law.is_lossy:
+        return list(law.multiples[::-1])
     if law.is_periodic or not ends:
         return ends[:1]
     low, high = law.T_min.rational, law.T_max.rational
@@ -368,6 +420,21 @@ def _floats(inclusion: HybridInclusion, corner: tuple[bool, ...]) -> tuple[float
 def _finite(maps: ErrorMaps[Any]) -> bool:
     parts = (maps.base, maps.jump, *maps.parts, np.array(maps.lower), np.array(maps.upper), *maps.jump_parts)
     return all(bool(np.all(np.isfinite(part))) for part in parts)
+
+
+def every_gain_fails_from(inclusion: HybridInclusion) -> str | None:
+    """A probability of losses from which on no gain keeps E |e|^2 from growing: rho(F)^-2, F what the plant makes of an
+    error over a period without a sample, at the constant corner where that is largest; None where errors do not grow.
+
+    After k samples all of which are lost, which has the probability p^k, E |e|^2 has grown by rho(F)^2k."""
+    view, T = inclusion.view_balls, inclusion.sampling.period
+    corners = [_values(inclusion, corner) for corner in islice(candidate_corners(inclusion), 2**_ALL_CORNERS)]
+    floats = np.array([inclusion.view_floats.flow(map(float, corner)) for corner in corners])
+    if not np.all(np.isfinite(floats)):
+        return None
+    worst = corners[int(np.argmax(spectral_radii(exponentials(floats * float(T)))))]
+    rho = spectral_radius_lower(view.flow(value.scalar for value in worst).exp(T.scalar))
+    return upper_text(1 / rho**2, 9) if rho > 1 else None
 
 
 def slowest_decay(inclusion: HybridInclusion) -> arb | None:

@@ -43,7 +43,7 @@ class Point:
         """As design.json holds it."""
         rate = None if self.rate is None or not self.rate > 0 else lower_text(self.rate, _DIGITS)
         errors = {name: upper_text(error, _DIGITS) for name, error in self.errors.items()}
-        return FrontPoint(str(self.law.T_max), rate, errors, {letter: self.gain})
+        return FrontPoint(str(self.law.period), rate, errors, {letter: self.gain})
 
 
 def front(
@@ -61,9 +61,9 @@ def front(
         return ()
     points: list[Point] = []
     for share in _SHORTER:
-        points += _found(question.at(search.short(share * float(law.T_max), 3)), letter, find)
+        points += _found(question.at(search.short(share * float(law.period), 3)), letter, find)
     for share in _LONGER:
-        further = _found(question.at(search.short(share * float(law.T_max), 3)), letter, find)
+        further = _found(question.at(search.short(share * float(law.period), 3)), letter, find)
         if not further:
             break
         points += further
@@ -78,7 +78,7 @@ def running_best(points: Iterable[Point], law: SamplingLaw) -> Sequence[Point]:
     period only."""
     kept: list[Point] = []
     best: Point | None = None
-    for point in sorted(points, key=lambda one: -float(one.law.T_max)):
+    for point in sorted(points, key=lambda one: -float(one.law.period)):
         if best is not None and best.law.contains(point.law) and best.better(point):
             point = Point(point.law, best.gain, best.rate, best.errors)
         else:

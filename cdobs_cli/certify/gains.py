@@ -34,7 +34,7 @@ class Candidate:
         if met is None:
             return None
         gain, method = met
-        return Candidate(gain, method.law, float(method.law.T_max) if merit is None else merit, method)
+        return Candidate(gain, method.law, float(method.law.period) if merit is None else merit, method)
 
 
 class GainSearch:
@@ -51,7 +51,7 @@ class GainSearch:
     def nearest(self, question: Question) -> Candidate | None:
         """Where there is none at the question's law: a gain of a shorter period, by halves."""
         for _ in range(_HALVINGS):
-            question = question.at(search.short(float(question.law.T_max) / 2, 6))
+            question = question.at(search.short(float(question.law.period) / 2, 6))
             try:
                 candidate = self.at(question)
             except NoDesignError:

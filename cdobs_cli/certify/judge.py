@@ -13,7 +13,7 @@ from flint import arb
 
 from cdobs_cli.certificate import CONVERGENCE, Bound, Certificate, Check, Claim, Status, Witness
 from cdobs_cli.certify import accuracy
-from cdobs_cli.certify.falsify import refute, slowest_decay
+from cdobs_cli.certify.falsify import every_gain_fails_from, refute, slowest_decay
 from cdobs_cli.certify.levels import Level
 from cdobs_cli.certify.linear import is_linear, stable_intervals
 from cdobs_cli.certify.methods.base import Method, Proof, Question, read
@@ -27,6 +27,7 @@ from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
 
 _UNSEEN = "unseen direction"
+_UNCORRECTED = "growth without samples"
 # What the designs of every family may hold beside the methods of its own.
 COMMON: tuple[type[Method], ...] = (*accuracy.METHODS, Counterexample, Attained)
 
@@ -65,7 +66,7 @@ class Judged:
 
     @property
     def T(self) -> Exact:
-        return self.method.law.T_max
+        return self.method.law.period
 
 
 @dataclass(frozen=True)
@@ -215,9 +216,12 @@ def _without_gain(judgement: Judgement, hidden: Unseen | None) -> Check:
     if defeated is not None:
         reason = "no gain survives this sampling law"
         witness = Witness("vector", "class", data=dict(defeated.method.certificate().data))
+    grown = _lost_by_chance(judgement)
+    if grown is not None:
+        reason, witness = grown
     if hidden is not None:
         reason, witness = hidden.sentence(plant), hidden.witness(plant)
-        ends.append(hidden.period or law.T_max)
+        ends.append(hidden.period if hidden.period is not None and not law.is_lossy else law.period)
     bounds: dict[str, Bound] = {}
     if ends:
         about = witness.about if witness is not None else "class"
@@ -231,7 +235,7 @@ def _without_gain(judgement: Judgement, hidden: Unseen | None) -> Check:
 
 def _conclusion(judgement: Judgement, hidden: Unseen | None, claims: Sequence[Claim]) -> Claim:
     """Proved by a certificate that covers the law, else refuted by a counterexample."""
-    statement = f"The error converges to 0 for every slope history in the class, sampling {judgement.law.words}."
+    statement = _converges(judgement.law)
     covering = judgement.covering
     if covering:
         best = max(covering, key=lambda item: float(item.proof.rate.lower()))
@@ -246,6 +250,11 @@ def _conclusion(judgement: Judgement, hidden: Unseen | None, claims: Sequence[Cl
     elif witness is None and judgement.design.outcome != "short":  # of such a gain shorter periods were kept
         witness = refute(judgement.question.inclusion, 0)
     defeated = next((item for item in judgement.hopeless if judgement.law.contains(item.method.law)), None)
+    grown = _lost_by_chance(judgement)
+    if witness is None and grown is not None:
+        why, witness = grown
+        told = f"{statement.removesuffix('.')}: {why}"
+        return _convergence(judgement, "refuted", told, method=_UNCORRECTED, witness=witness)
     if witness is None and defeated is not None:
         witness = Witness("vector", "class", data=dict(defeated.method.certificate().data))
         return _convergence(
@@ -255,6 +264,23 @@ def _conclusion(judgement: Judgement, hidden: Unseen | None, claims: Sequence[Cl
         return _convergence(judgement, "undecided", statement)
     method = _UNSEEN if witness.kind == "vector" else f"{witness.kind} slopes"
     return _convergence(judgement, "refuted", statement, method=method, witness=witness)
+
+
+def _lost_by_chance(judgement: Judgement) -> tuple[str, Witness] | None:
+    """Where so many samples are lost by chance that every gain fails: why, and from which probability on."""
+    law = judgement.law
+    least = every_gain_fails_from(judgement.question.inclusion) if law.is_random else None
+    if least is None or not Exact(least).is_at_most(law.probability):
+        return None
+    why = f"E |e|^2 grows for every gain from a probability of {least} on (single runs may still converge)"
+    return why, Witness("vector", "class", data={"probability": least})
+
+
+def _converges(law: SamplingLaw) -> str:
+    if law.is_random:
+        blind = "for every slope history in the class that does not know which samples will be lost"
+        return f"The error converges to 0 in mean square, and almost surely, {blind}, sampling {law.words}."
+    return f"The error converges to 0 for every slope history in the class, sampling {law.words}."
 
 
 def _certificate_claims(judgement: Judgement) -> list[Claim]:
@@ -292,14 +318,38 @@ def _bounds(judgement: Judgement) -> dict[str, Bound]:
     at_rate = [item for item in own if item.proof.rate >= fraction_ball(rate)] if rate else []
     if at_rate:
         bounds["period_max_at_rate"] = _period(_longest(at_rate), None, f"this gain, at the rate {fraction_text(rate)}")
-    return bounds | _decay_rate(judgement)
+    return bounds | _decay_rate(judgement) | _loss_probability(judgement)
+
+
+def _loss_probability(judgement: Judgement) -> dict[str, Bound]:
+    """How often samples may be lost at the law's period: with this gain proved and refuted, with every gain refuted."""
+    law = judgement.law
+    if not law.is_random:
+        return {}
+    own = [item for item in judgement.items if item.own and item.proof.holds and _is_as(item.method.law, law)]
+    proved = [item.method.law.probability for item in own if item.method.reach == "convergence"]
+    refuted = [item.method.law.probability for item in own if item.method.reach == "no convergence"]
+    most, least = max(proved, key=float, default=None), min(refuted, key=float, default=None)
+    ends = (None if most is None else text_below(most), None if least is None else _above(least))
+    about = f"sampling every {law.period}, in mean square"
+    bounds = {"loss_probability_max": Bound(*ends, "", "clock", f"this gain, {about}")}
+    lost = every_gain_fails_from(judgement.question.inclusion)
+    if lost is not None:
+        bounds["loss_probability_max_any_gain"] = Bound(ends[0], lost, "", _UNCORRECTED, f"every gain, {about}")
+    return bounds
+
+
+def _is_as(law: SamplingLaw, other: SamplingLaw) -> bool:
+    """Whether they differ in the probability of losses alone."""
+    return law.is_random and law.period == other.period
 
 
 def _decay_rate(judgement: Judgement) -> dict[str, Bound]:
     """The fastest rate proved under the law, and the slowest constant corner."""
     decaying = [item for item in judgement.covering if item.proof.rate > 0]
     fastest = max(decaying, key=lambda item: float(item.proof.rate.lower()), default=None)
-    slowest = slowest_decay(judgement.question.inclusion)
+    # Where samples are lost by chance no one word of periods says how slow the mean square is.
+    slowest = None if judgement.law.is_random else slowest_decay(judgement.question.inclusion)
     if fastest is None and slowest is None:
         return {}
     proved, method = (None, None) if fastest is None else (lower_text(fastest.proof.rate, 9), fastest.method.rung)

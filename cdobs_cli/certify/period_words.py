@@ -42,8 +42,9 @@ class PeriodWord:
         return math.log(max(self.radius, 1e-300)) / sum(self.periods)
 
 
-def propose(F: Array, J: Array, low: float, high: float, effort: int) -> list[PeriodWord]:
-    """The words of largest growth rate met for edot = F e, e+ = J e, periods in [low, high] (not 0), best first."""
+def propose(F: Array, J: Array, low: float, high: float, effort: int, only: tuple[float, ...] = ()) -> list[PeriodWord]:
+    """The words of largest growth rate met for edot = F e, e+ = J e, periods in [low, high] (not 0), or
+    `only` these, best first."""
     import numpy as np
 
     level = max(0, min(effort, 3))
@@ -51,6 +52,8 @@ def propose(F: Array, J: Array, low: float, high: float, effort: int) -> list[Pe
     grid = low + (high - low) * shares
     if low == 0:
         grid[0] = grid[1] / 4
+    if only:
+        grid = np.array(only)
     # J = X Y: the error just after a sample lies in the range of J, often a plane.
     U, sizes, Vt = np.linalg.svd(J)
     rank = max(1, int(np.sum(sizes > 1e-12 * sizes[0])))
@@ -84,7 +87,7 @@ def propose(F: Array, J: Array, low: float, high: float, effort: int) -> list[Pe
         if not further or max(word.rate for word in further) <= fastest + 1e-9 * abs(fastest):
             break
     found.sort(key=lambda word: -word.rate)
-    moved = [_moved(word, F, X, Y, low, high) for word in _distinct(found)[:_REFINED]]
+    moved = [] if only else [_moved(word, F, X, Y, low, high) for word in _distinct(found)[:_REFINED]]
     return sorted([*moved, *found], key=lambda word: -word.rate)
 
 

@@ -4,12 +4,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from fractions import Fraction
 
+from cdobs_cli.certify import search
 from cdobs_cli.certify.judge import Judgement
-from cdobs_cli.certify.methods.base import Method
+from cdobs_cli.certify.methods.base import Method, Question
+from cdobs_cli.certify.methods.clock.certificate import Clock
 from cdobs_cli.certify.methods.counterexample import Attained, Counterexample
 from cdobs_cli.certify.methods.dead_beat import resets
 from cdobs_cli.certify.unseen import unseen
+from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.sampling import SamplingLaw
+
+_CERTAIN = "0.999"  # a probability beyond any use
+_WIDTH, _DIGITS, _GROWTH = Fraction(1, 2000), 6, 1.02  # of the search for probabilities
 
 
 def refutations(judgement: Judgement) -> Iterator[Method]:
@@ -25,6 +33,8 @@ def refutations(judgement: Judgement) -> Iterator[Method]:
         shortest = Counterexample.shortest(question, None if longest is None else longest.T)
         if shortest is not None:
             yield shortest
+    if question.law.is_random:
+        yield from _probabilities(question)
     exact = judgement.longest_exact
     lost = None if exact is None else exact.method.lost_by_every_gain(question)
     if lost is not None:
@@ -33,3 +43,22 @@ def refutations(judgement: Judgement) -> Iterator[Method]:
         reached = Attained.propose(question.of_state(i)) if Attained.applies(question) else None
         if reached is not None:
             yield reached
+
+
+def _probabilities(question: Question) -> Iterator[Method]:
+    """Of the gain: the largest probability of losses that is proved at its period, and the least that is refuted.
+    Uses the solver."""
+
+    def at(probability: Exact) -> Question:
+        return question.under(SamplingLaw.randomly(question.law.period, probability)).afresh()
+
+    here, most = question.law.probability, Exact(_CERTAIN)
+    proved = search.between(lambda p: Clock.propose(at(p)), here, most, _WIDTH, _DIGITS)
+    if proved is not None:
+        yield proved[1]
+    start = float(here if proved is None else proved[0])
+    refuted = search.smallest(
+        lambda p: Counterexample.propose(at(p)), start, _GROWTH, float(_WIDTH) / 10, span=1 / start
+    )
+    if refuted is not None:
+        yield refuted[1]

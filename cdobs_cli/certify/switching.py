@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 _SLOTS = (0, 12, 20, 32)  # slots a period, by effort
 _PERIODS = (0, 2, 3, 4)  # longest words, by effort
 _STARTS = (0, 4, 8, 16)
+_MULTIPLES = 4  # of a period whose samples may be lost
 _SWEEPS = 12
 _PROMISING = 0.985  # a radius from which lengths are refined
 _SIMPLE = 1e12  # how large a left eigenvector may be beside its right one
@@ -70,9 +71,11 @@ def _period_words(inclusion: HybridInclusion, longest: int) -> Iterator[tuple[Ex
             yield (T,) * count
         return
     choices = [T]
-    if low.sign() == 1:
+    if law.is_lossy:
+        choices = list(law.multiples[::-1])[:_MULTIPLES]
+    elif low.sign() == 1:
         choices.append(low)
-    if T.rational is not None and low.rational is not None:
+    if T.rational is not None and low.rational is not None and not law.is_lossy:
         choices.append(Exact((T.rational + low.rational) / 2))
         if low.sign() == 0:
             choices.append(Exact(T.rational / 8))

@@ -253,10 +253,9 @@ def _periods(
     eigenvalues: list[tuple[Fraction, Fraction]], c: Exact, law: SamplingLaw
 ) -> Iterator[tuple[Exact, Fraction]]:
     """(T, q^2) with c T = q pi, T in the law: the period itself, or those at which a pair is aliased."""
-    if law.is_periodic:
-        squared = _turns_squared(law.T_max * c)
-        if squared is not None:
-            yield law.T_max, squared
+    if law.multiples:
+        turns = ((T, _turns_squared(T * c)) for T in law.multiples)
+        yield from ((T, squared) for T, squared in turns if squared is not None)
         return
     rates = [w_squared for a, w_squared in eigenvalues if a >= 0 and w_squared > 0]
     roots = [root for w_squared in rates if (root := _root(w_squared)) is not None]

@@ -6,7 +6,7 @@ A family knows the Plant, not the spec file; it reads nothing and writes nothing
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.resources import files
 from typing import TYPE_CHECKING, ClassVar, Self
 
@@ -37,6 +37,8 @@ class Family(BaseModel, ABC):
     source: ClassVar[str]
     # Whether convergence is claimed under the declared disturbance and noise (bounds hold), or without them.
     disturbed: ClassVar[bool] = False
+    # Whether samples of a constant period may be lost.
+    takes_losses: ClassVar[bool] = False
 
     @classmethod
     def example(cls) -> str:
@@ -47,6 +49,16 @@ class Family(BaseModel, ABC):
     def name(self) -> str:
         """The word behind `family:`."""
         return str(type(self).model_fields["family"].default)
+
+    def mistakes(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:
+        """`problems`, and the schemes of measurement that the family does not take."""
+        return [*self._problems_of_scheme(plant), *self.problems(plant, simulation)]
+
+    def _problems_of_scheme(self, plant: Plant) -> Iterator[Problem]:
+        law = plant.sampling
+        if law.is_lossy and not self.takes_losses:
+            hint = f"or ask for more: sampling: {{min_period: {law.T_min}, max_period: {law.T_max}}}"
+            yield Problem(("measurement", "lost"), "family reachability takes lost samples", self.name, hint=hint)
 
     def problems(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:
         """What `validate` can see without linear algebra: a structure the family does not take, shapes of a

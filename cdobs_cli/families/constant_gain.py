@@ -131,7 +131,7 @@ class ConstantGain(Family):
     def why_nothing(self, question: Question) -> str:
         """Why a search found no gain."""
         return (
-            f"no gain with a proof was found at T = {question.law.T_max}; more effort, a shorter period or "
+            f"no gain with a proof was found at T = {question.law.period}; more effort, a shorter period or "
             f"smaller slopes may help"
         )
 

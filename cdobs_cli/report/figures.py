@@ -227,8 +227,10 @@ def _draw_series(ax: Axes, series: Series, index: int, *, many: bool, panel: Pan
             ax.step(x, y, where="post", **line)
         case "points":
             marker = MARKERS[index % len(MARKERS)]
-            size, edge = (3.6, 0.4) if len(x) < 200 else (1.8, 0.0)
-            ax.plot(x, y, linestyle="none", marker=marker, markersize=size, color=colour, markeredgecolor="white",
+            size, edge, rim = (3.6, 0.4, "white") if len(x) < 200 else (1.8, 0.0, "white")
+            if series.role == "refuted":  # what is not there
+                marker, edge, rim = "x", 0.9, colour
+            ax.plot(x, y, linestyle="none", marker=marker, markersize=size, color=colour, markeredgecolor=rim,
                     markeredgewidth=edge, label=label, zorder=4)  # fmt: skip
         case "stems":
             ax.vlines(x, 0, y, color=colour, linewidth=1.0, alpha=0.8)

@@ -30,7 +30,7 @@ def front_charts(design: Design, states: Sequence[str]) -> Iterator[Chart]:
         for name, values in errors.items():
             series = [Series("proved, a gain for each period", periods, values, "line", "proved")]
             series.append(Series("", periods, values, "points", "proved"))
-            series.append(Series("this design", [float(design.sampling.T_max)], [0.0], "mark", "estimate"))
+            series.append(Series("this design", [float(design.sampling.period)], [0.0], "mark", "estimate"))
             if at is not None:
                 series.append(Series("knee", [periods[at]], [0.0], "mark", "other"))
             panels.append(Panel("period (s)", f"error of {axis_name(name)}", tuple(series)))
@@ -44,7 +44,7 @@ def front_charts(design: Design, states: Sequence[str]) -> Iterator[Chart]:
     told = [(T, rate) for T, rate in rates if rate is not None]
     if len(told) > 1 and not named:
         series = [Series("a gain for each period", [T for T, _ in told], [rate for _, rate in told], "line", "proved")]
-        series.append(Series("this design", [float(design.sampling.T_max)], [0.0], "mark", "estimate"))
+        series.append(Series("this design", [float(design.sampling.period)], [0.0], "mark", "estimate"))
         caption = f"The fastest decay rate that was proved against the {law}, each point with a gain of its own."
         panel = Panel("period (s)", "proved rate (1/s)", tuple(series))
         yield Chart("period_rate", "Period against rate", caption, (panel,))

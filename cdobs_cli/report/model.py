@@ -118,7 +118,7 @@ class Report:
         checked = self.check if self.design.outcome != "none" else None
         envelope = None if checked is None else checked.envelope
         bounds = {} if checked is None else checked.bounds
-        charts = run_charts(self.plant, self.run, envelope, self.coordinates, bounds)
+        charts = run_charts(self.plant, self.run, envelope, self.coordinates, bounds, self.design.sampling)
         return tuple(self.labels.chart(one, self._axes) for one in charts)
 
     @property

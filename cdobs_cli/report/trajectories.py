@@ -14,6 +14,7 @@ from cdobs_cli.chart import Chart, Panel, Series, SeriesKind
 from cdobs_cli.plant import Plant
 from cdobs_cli.report.equations import GREEK, latex, name_formula
 from cdobs_cli.report.numbers import float_or_none
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from cdobs_cli.coordinates import Coordinates
@@ -36,12 +37,12 @@ def axis_name(name: str) -> str:
 
 def run_charts(
     plant: Plant, run: Run, envelope: Mapping[str, str] | None = None, coordinates: Coordinates | None = None,
-    bounds: Mapping[str, Bound] | None = None,
+    bounds: Mapping[str, Bound] | None = None, law: SamplingLaw | None = None,
 ) -> tuple[Chart, ...]:  # fmt: skip
     """The common charts of a run; the first trajectory stands for the states, all of them for the error."""
     if not run.trajectories or len(run.trajectories[0].t) < 2:
         return ()
-    charts = [states_chart(plant, run.trajectories[0], len(run.trajectories))]
+    charts = [states_chart(plant, run.trajectories[0], len(run.trajectories), law)]
     if coordinates is not None and "x_hat" in run.trajectories[0].estimates:
         charts.append(typed_states_chart(coordinates, run.trajectories[0]))
     error, intervals = error_chart(run, envelope), intervals_chart(run.trajectories[0])
@@ -49,15 +50,18 @@ def run_charts(
     return (*charts, *(chart for chart in (error, accuracy, intervals) if chart is not None))
 
 
-def states_chart(plant: Plant, trajectory: Trajectory, runs: int = 1) -> Chart:
+def states_chart(plant: Plant, trajectory: Trajectory, runs: int = 1, law: SamplingLaw | None = None) -> Chart:
     """Each state with its estimate (or its band), and the measurements where an output is one state."""
-    measured = _measured_states(plant)
+    measured, lost = _measured_states(plant), lost_instants(trajectory, law)
     panels = []
     for j, name in enumerate(plant.states[:MAX_PANELS]):
         series = [Series("state", trajectory.t, trajectory.x[:, j], "line", "truth"), *_estimates(trajectory, j)]
         if j in measured and len(trajectory.t_k):
             k, scale = measured[j]
             series.append(Series("measurement", trajectory.t_k, trajectory.y_k[:, k] / scale, "points", "measured"))
+            if len(lost):
+                missed = np.interp(lost, trajectory.t, trajectory.x[:, j])
+                series.append(Series("lost sample", lost, missed, "points", "refuted"))
         panels.append(Panel("time (s)", axis_name(name), tuple(series)))
     caption = "Each state with its estimate; dots are measurements, at the instants they are taken."
     if not measured and len(trajectory.t_k):
@@ -82,6 +86,15 @@ def typed_states_chart(coordinates: Coordinates, trajectory: Trajectory) -> Char
         panels.append(Panel("time (s)", axis_name(name), (state, estimate)))
     caption = "In the states of the spec, before the change of coordinates."
     return Chart("typed_states", "States and estimates as typed", caption, tuple(panels))
+
+
+def lost_instants(trajectory: Trajectory, law: SamplingLaw | None) -> Any:
+    """When samples were to come and did not, up to the last one that came."""
+    if law is None or not (law.is_lossy or law.is_random) or len(trajectory.t_k) < 2:
+        return np.empty(0)
+    h, t_k = float(law.T_min), trajectory.t_k
+    gaps = np.round(np.diff(t_k) / h).astype(int)
+    return np.concatenate([t + h * np.arange(1, gap) for t, gap in zip(t_k, gaps, strict=False)])
 
 
 def _measured_states(plant: Plant) -> dict[int, tuple[int, float]]:

@@ -18,8 +18,9 @@ _SLACK = 1e-9  # relative, by which a typed sequence of periods may touch the en
 class Timetable:
     """Sampling instants t_0 = 0 < t_1 < ..
 
-    periodic: t_k = k T. aperiodic: T_k drawn uniformly from (T_min, T_max] with the seed, or
-    `sampling_times` at t_k. An instant within rounding of the horizon is the horizon.
+    periodic: t_k = k T. aperiodic: T_k drawn uniformly from (T_min, T_max] with the seed, or `sampling_times` at t_k.
+    lossy: after each sample that arrives 0 to `lost` of those that follow are lost, each number as often as the others.
+    random: each is lost with the law's probability. An instant within rounding of the horizon is the horizon.
 
     Raises:
         SpecError: a law that needs more samples than one run may have, or a typed period outside the law.
@@ -28,6 +29,8 @@ class Timetable:
     def __init__(self, law: SamplingLaw, plan: SimulationPlan, draws: Draws, max_samples: int) -> None:
         self.low, self.high, self.periodic = float(law.T_min), float(law.T_max), law.is_periodic
         self.horizon, self.draws = float(plan.horizon), draws
+        self.lost, self.probability = law.lost, float(law.probability)
+        self.slots = np.zeros(plan.runs)  # samples so far, lost ones too, of each run
         self._typed = None if plan.sampling_times is None else compile_floats([plan.sampling_times], ["t"], arrays=True)
         if not self.high > 0:
             raise SpecError.at(
@@ -45,6 +48,14 @@ class Timetable:
             period = stacked(self._typed(t), len(t))[0]
             self._refuse_outside(t, period)
             after = t + period
+        elif self.probability:
+            share = 1.0 - self.draws.at("periods", "uniform", 0, runs, index)  # in (0, 1]
+            self.slots[runs] += 1 + np.floor(np.log(share) / np.log(self.probability))
+            after = self.slots[runs] * self.low
+        elif self.lost:
+            share = self.draws.at("periods", "uniform", 0, runs, index)
+            self.slots[runs] += 1 + np.minimum(np.floor(share * (self.lost + 1)), self.lost)
+            after = self.slots[runs] * self.low
         elif self.periodic:
             after = np.full(len(t), (index + 1) * self.high)
         else:
@@ -55,8 +66,13 @@ class Timetable:
 
     def _refuse_outside(self, t: Array, period: Array) -> None:
         wrong = ~((period > 0) & (period >= self.low * (1 - _SLACK)) & (period <= self.high * (1 + _SLACK)))
+        if self.probability:
+            wrong = ~(period > 0)
+        if self.lost or self.probability:
+            wrong |= np.abs(period / self.low - np.round(period / self.low)) > _SLACK * period / self.low
         if wrong.any():
             first = int(np.argmax(wrong))
             got = f"T_k = {period[first]:.9g} at t_k = {t[first]:.9g}"
-            allowed = f"above 0, in [{self.low:.9g}, {self.high:.9g}]"
+            whole = f"a multiple of {self.low:.9g} " if self.lost or self.probability else ""
+            allowed = f"{whole}above 0, in [{self.low:.9g}, {self.high:.9g}]"
             raise SpecError.at(("simulation", "sampling_times"), "a period outside the sampling law", got, allowed)

@@ -72,6 +72,8 @@ def replay(inclusion: HybridInclusion, witness: Witness) -> Replay:
 
     from cdobs_cli.certify.falsify import Word, is_about
 
+    if inclusion.sampling.is_random:
+        raise UsageError("samples are lost by chance: the mean square of the error grows, which one run does not show")
     unseen = witness.kind == "vector" and "direction" in witness.data
     if not unseen and (witness.kind not in ("constant", "switching") or witness.about != "class"):
         of = f"a witness of kind {witness.kind} (about the {witness.about})"

@@ -58,7 +58,7 @@ class Choice:
             reason = _missing(block, family)
             if reason is None:
                 card = family.model_validate(block.options)
-                reason = next((_told(problem) for problem in card.problems(plant, plan)), None)
+                reason = next((_told(problem) for problem in card.mistakes(plant, plan)), None)
             if reason is None:
                 cards[name] = card.resolved(plant, None if plan is None else float(plan.horizon))
             else:

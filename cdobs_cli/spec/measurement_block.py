@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Discriminator, Tag
+from pydantic import ConfigDict, Discriminator, Field, Tag
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact
 from cdobs_cli.fields import NonNegativeNumber, PositiveNumber, Rows
-from cdobs_cli.sampling import SamplingLaw
+from cdobs_cli.sampling import MOST_LOST, SamplingLaw
 from cdobs_cli.spec.block import Block
 from cdobs_cli.spec.boxes import MAX_STATES, ordered, shape_problem
 from cdobs_cli.spec.noise_block import NoiseBlock, noise_problems
@@ -57,6 +57,18 @@ SamplingField = Annotated[
 ]
 
 
+class LostBlock(Block):
+    """Which samples of a constant period may be lost: so many in a row at most, or each with a probability."""
+
+    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": ["at_most"]}, {"required": ["probability"]}]})
+    at_most: Annotated[
+        Annotated[int, Field(strict=True, ge=0, le=MOST_LOST)] | None, Field(description="Lost in a row, at most.")
+    ] = None
+    probability: Annotated[
+        NonNegativeNumber | None, Field(description="Of each sample to be lost, independently; below 1.")
+    ] = None
+
+
 class MeasurementBlock(Block):
     """y_k = C x(t_k) + v_k, and when."""
 
@@ -64,6 +76,7 @@ class MeasurementBlock(Block):
     C: Rows | None = None
     sampling: SamplingField | None = None
     noise: NoiseBlock | None = None
+    lost: LostBlock | None = None
 
 
 def measurement_problems(
@@ -90,13 +103,35 @@ def measurement_problems(
     if isinstance(law, Aperiodic) and not ordered(law.shortest, law.max_period):
         at, what = ("measurement", "sampling", "min_period"), "min_period is above max_period"
         yield Problem(at, what, str(law.shortest), f"at most {law.max_period}")
+    if measurement.lost is not None:
+        yield from _loss_problems(measurement.lost, wrong_fields)
+    if measurement.lost is not None and law is not None and not isinstance(law, Periodic):
+        what, hint = (
+            "losses are counted in samples of a constant period",
+            "else let max_period be the longest gap",
+        )
+        yield Problem(("measurement", "lost"), what, None, "with sampling: {period: ..}", hint)
+
+
+def _loss_problems(lost: LostBlock, wrong_fields: set[str]) -> Iterator[Problem]:
+    at = ("measurement", "lost")
+    typed = [name for name in ("at_most", "probability") if getattr(lost, name) is not None]
+    if len(typed) != 1 and "lost" not in wrong_fields:
+        yield Problem(
+            at, "one kind of loss is expected", " and ".join(typed) or None, "{at_most: 3} or {probability: 0.1}"
+        )
+    if lost.probability is not None and (lost.probability - Exact(1)).sign() != -1:
+        yield Problem((*at, "probability"), "a probability below 1 is expected", str(lost.probability), "0 to 1, not 1")
 
 
 def sampling_law(measurement: MeasurementBlock) -> SamplingLaw:
     """The noun of `measurement.sampling`; equal ends are a constant period."""
     law = measurement.sampling
     if isinstance(law, Periodic):
-        return SamplingLaw.periodic(law.period)
+        lost = measurement.lost
+        if lost is not None and lost.probability is not None:
+            return SamplingLaw.randomly(law.period, lost.probability)
+        return SamplingLaw.periodic(law.period, (lost.at_most or 0) if lost else 0)
     if isinstance(law, Aperiodic):
         equal = (law.max_period - law.shortest).sign() == 0
         return SamplingLaw.periodic(law.max_period) if equal else SamplingLaw("aperiodic", law.shortest, law.max_period)

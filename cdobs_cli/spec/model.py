@@ -227,7 +227,7 @@ class _Loader:
             self.problems += () if choice.problem is None else (choice.problem,)
             family = next(iter(choice.cards.values()), None)
         elif family is not None:
-            self.problems += family.problems(final, run)
+            self.problems += family.mistakes(final, run)
         if self.failed or family is None:
             raise self.fail()
         if choice is None:

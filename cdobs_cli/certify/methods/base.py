@@ -146,7 +146,8 @@ class Method(ABC):
     name: how it is stored. rung: its line in the ladder of methods. source: whose theorem. how: how it is proved.
     statement: what it says, without the law. exact: whether the best gain that it finds is the best there is.
     endless: whether it holds however long the periods are. nonlinear_outputs: whether it takes outputs whose slopes
-    vary. of_one_state: whether it is asked about the error of one state (`Question.state`).
+    vary. of_one_state: whether it is asked about the error of one state (`Question.state`). in_the_mean: whether it
+    takes samples that are lost by chance.
     """
 
     law: SamplingLaw
@@ -161,6 +162,7 @@ class Method(ABC):
     endless: ClassVar[bool] = False
     nonlinear_outputs: ClassVar[bool] = False
     of_one_state: ClassVar[bool] = False
+    in_the_mean: ClassVar[bool] = False
 
     @classmethod
     def applies(cls, question: Question) -> bool:
@@ -184,7 +186,7 @@ class Method(ABC):
 
     def prove(self, question: Question) -> Proof:
         """What holds of the question's plant and gain under the method's own law. Loads no solver."""
-        if question.inclusion.outputs and not self.nonlinear_outputs:
+        if (question.inclusion.outputs and not self.nonlinear_outputs) or (self.law.is_random and not self.in_the_mean):
             return NOTHING
         try:
             return self._prove(question.under(self.law))
@@ -195,7 +197,7 @@ class Method(ABC):
     def longest(cls, question: Question) -> Self | None:
         """The certificate of the longest period found for the question's gain, looked for from its own period."""
         return search.longest(
-            lambda T: cls.propose(question.at(T)), question.law.T_max, search.tolerance(question.effort)
+            lambda T: cls.propose(question.at(T)), question.law.period, search.tolerance(question.effort)
         )
 
     @property

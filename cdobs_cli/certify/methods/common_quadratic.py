@@ -15,7 +15,8 @@ enclosed, are positive definite. From T_min = 0, where M^[d](0) = diag(I, j) and
     G(0) = diag(0, H),    H = Q - j'Qj > 0:
 
 coefficient 0 of the first piece [0, b] is >= 0, exactly so, and the others are > 0. As 1 - (1 - u)^K >= u that gives
-G(s) >= epsilon s P: V falls in proportion to the time between samples.
+G(s) >= epsilon s P: V falls in proportion to the time between samples. Where samples of a constant period are lost,
+s is one of finitely many, and G > 0 at each of them is enough.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ import numpy as np
 from flint import arb, arb_poly
 
 from cdobs_cli.certify import search
-from cdobs_cli.certify.cover import covered, law_ends
+from cdobs_cli.certify.cover import covered, ends_of, law_ends
 from cdobs_cli.certify.definite import has_positive_pivots
 from cdobs_cli.certify.floats import exponentials, spectral_radii
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question
@@ -39,6 +40,7 @@ from cdobs_cli.certify.taylor import ORDER, Taylor, bernstein_weights, entries, 
 from cdobs_cli.certify.texts import rate_of, symmetric_from_upper, upper_texts
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import fraction_text
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
@@ -76,8 +78,7 @@ class CommonQuadratic(Method):
         error = sampled_loop(question)
         if error is None:
             return None
-        low, high = float(question.law.T_min), float(question.law.T_max)
-        periods, maps = _maps(error, low, high, float(question.rate))
+        periods, maps = _maps(error, question.law, float(question.rate))
         # A constant period of the law at which the error does not decay: no form can fall.
         if not np.all(np.isfinite(maps)) or not np.all(spectral_radii(maps) < 1):
             return None
@@ -103,6 +104,8 @@ class CommonQuadratic(Method):
         form = _Form(error, degree, sigma, P)
         if error.kept is not None and not form.falls_at_zero():
             return NOTHING
+        if self.law.multiples:
+            return Proof.of(all(form.falls(*ends_of(T)) for T in self.law.multiples), sigma)
         return Proof.of(covered(form.falls, *law_ends(self.law)), sigma)
 
 
@@ -123,7 +126,9 @@ def sampled_loop(question: Question) -> SampledError | None:
 def longest_aperiodic(propose: Callable[[Question], T_ | None], question: Question) -> T_ | None:
     """The longest law [T_min, T]: laws grow with T, so the walk keeps T_min."""
     law, width = question.law, search.tolerance(question.effort, quick=True)
-    return search.longest(lambda T: propose(question.at(T)), law.T_max, width, floor=float(law.T_min))
+    return search.longest(
+        lambda T: propose(question.at(T)), law.period, width, floor=0.0 if law.is_lossy else float(law.T_min)
+    )
 
 
 def fall(P: Any, M: Any) -> Any:
@@ -220,10 +225,13 @@ def _unit_basis(P: Array, blocks: list[list[int]]) -> Array:
 # The search: floats and the solver propose, `prove` decides.
 
 
-def _maps(error: SampledError, low: float, high: float, sigma: float) -> tuple[Array, Array]:
+def _maps(error: SampledError, law: SamplingLaw, sigma: float) -> tuple[Array, Array]:
     """Periods of the law, denser at both ends where the inequality is tight as a rule, and M there."""
+    low, high = float(law.T_min), float(law.T_max)
     periods = low + (high - low) * (1 - np.cos(np.pi * np.arange(_FINE + 1) / _FINE)) / 2
     periods[0] = low if low > 0 else 1e-5 * high
+    if law.multiples:
+        periods = np.array([float(T) for T in law.multiples])
     F, X, Y = (matrix.floats for matrix in (error.F, error.X, error.Y))
     with np.errstate(all="ignore"):
         maps: Array = Y @ exponentials((F + sigma * np.eye(len(F))) * periods[:, None, None]) @ X
@@ -252,7 +260,7 @@ class _Search:
         maps = inverse @ self.maps @ S
         if not np.all(np.isfinite(maps)):
             return None
-        chosen = list(dict.fromkeys(int(k) for k in np.linspace(0, _FINE, _GRID)))
+        chosen = list(dict.fromkeys(int(k) for k in np.linspace(0, len(maps) - 1, _GRID)))
         for _ in range(_ROUNDS):
             P = self._solve(maps, chosen)
             if P is None:
@@ -272,7 +280,7 @@ class _Search:
 
     def _scale(self) -> Array:
         """Coordinates in which a Lyapunov function of one period is the identity, block by block."""
-        total, step = np.eye(self.size), self.maps[_FINE // 2]
+        total, step = np.eye(self.size), self.maps[len(self.maps) // 2]
         with np.errstate(all="ignore"):
             for _ in range(40):  # the sum of M'^k M^k, by doubling
                 total = total + step.T @ total @ step

@@ -31,6 +31,7 @@ class Counterexample(Method):
     statement: ClassVar[str] = "Some error does not decay"
     reach: ClassVar[Reach] = "no convergence"
     nonlinear_outputs: ClassVar[bool] = True
+    in_the_mean: ClassVar[bool] = True
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:
@@ -69,7 +70,8 @@ class Attained(Method):
     def applies(cls, question: Question) -> bool:
         """Where what acts is bounded."""
         inclusion = question.inclusion
-        return question.plant.has_only_bounded and inclusion.assemble_noise is not None
+        known = question.plant.has_only_bounded and question.law.is_bounded
+        return known and inclusion.assemble_noise is not None
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:

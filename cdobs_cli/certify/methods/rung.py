@@ -80,7 +80,7 @@ class General:
             return edges.longest(question, share)
         if share or question.rate:
             return longest_at(self, question, share)
-        if resets(question.inclusion):
+        if resets(question.inclusion) and question.law.is_bounded:
             return DeadBeat.longest(question)
         if is_linear(question.inclusion):
             return SpectralRadius.longest(question)
@@ -105,7 +105,7 @@ GENERAL = General()
 def _told(propose: Callable[[], Method | None], name: str, question: Question) -> Method | None:
     """What is proposed; whoever waits is told what is tried, and what is proved."""
     rate = f" at rate {float(question.rate):.4g}" if question.rate else ""
-    words = f"{name}, T = {float(question.law.T_max):.6g}{rate}"
+    words = f"{name}, T = {float(question.law.period):.6g}{rate}"
     progress.doing(words)
     method = propose()
     if method is not None:
@@ -122,7 +122,7 @@ def longest_at(rung: Rung, question: Question, share: float = 0.0, *, quick: boo
 
     glance = None if quick else prove(question.with_effort(0))
     width = search.tolerance(question.effort, quick=quick)
-    return search.longest(prove(question), question.law.T_max, width, glance=glance)
+    return search.longest(prove(question), question.law.period, width, glance=glance)
 
 
 def rate_over(T: Exact, share: float) -> Fraction:

@@ -70,6 +70,7 @@ class Reachability(ConstantGain):
     source: ClassVar[str] = "Dinh2014"
     error_source: ClassVar[str] = "Dinh2014, (8), (10)"
 
+    takes_losses: ClassVar[bool] = True
     family: Literal["reachability"] = "reachability"
     objective: Objective = "given_period"
     method: Literal["best", "set", "clock"] = "best"

@@ -7,9 +7,15 @@ For edot in Co{A_v} e, e+ = J e at clock values in [T_min, T_max]: if for P piec
     P(0) > 0 on the range of J,
 
 then every error decays at rate sigma: V = e' P(tau) e falls along every flow of the inclusion and does not
-rise at jumps. In Bernstein form each inequality is a finite list of matrices. Where outputs have slopes that vary,
-J = I - K H lies in the hull of its corners at every sample; |J e|^2 in the norm of P(0) > 0 is convex in J, and corners
-of flow and jump never multiply.
+rise at jumps. In Bernstein form each inequality is a finite list of matrices. Where samples of a constant
+period h are lost the jump comes at multiples of h only, and (jump) is asked there. Where each sample is lost with
+probability p, independently,
+
+    P(h) - (1 - p) J' P(0) J - p P(0) > 0
+
+makes E V fall by exp(-2 sigma h) a sample, whatever slopes that do not know future losses: the error converges in
+mean square, and almost surely. Where outputs have slopes that vary, J = I - K H lies in the hull of its corners at
+every sample; |J e|^2 in the norm of P(0) > 0 is convex in J, and corners of flow and jump never multiply.
 
 From T_min = 0 the jump inequality is singular at tau = 0 wherever J keeps errors: P(0) - J'P(0)J vanishes on
 ker(I - J), and being >= 0 it vanishes there as a form, so P(0) must not couple what J keeps with what it changes.
@@ -48,6 +54,7 @@ from cdobs_cli.certify.methods.clock.form import (
     jump_gap,
     kept_states,
     lyapunov,
+    mean_gap,
 )
 from cdobs_cli.certify.methods.common_quadratic import is_linear_loop
 from cdobs_cli.certify.sampled_error import kept_and_lost
@@ -90,6 +97,13 @@ class Clock(Method):
     how: ClassVar[str] = "exact Bernstein coefficients"
     statement: ClassVar[str] = "A clock-dependent e'P(tau)e decreases along flows and does not grow at jumps"
     nonlinear_outputs: ClassVar[bool] = True
+    in_the_mean: ClassVar[bool] = True
+
+    @property
+    def sentence(self) -> str:
+        if self.law.is_random:
+            return "A clock-dependent e'P(tau)e decreases along flows, and in the mean at samples"
+        return self.statement
 
     @classmethod
     def applies(cls, question: Question) -> bool:
@@ -126,7 +140,8 @@ class Clock(Method):
 
     @cached_property
     def shape(self) -> Shape:
-        return Shape(int(self.degree), int(self.elevated), int(self.pieces[0]), int(self.pieces[1]))
+        before, after = map(int, self.pieces)
+        return Shape(int(self.degree), int(self.elevated), before, after, _points(self.law))
 
     @cached_property
     def S(self) -> Matrix:
@@ -145,12 +160,12 @@ class Clock(Method):
         if len(P) != shape.count or any(matrix.shape != size for matrix in P):
             return NOTHING
         jumps = list(maps.jumps())
-        if not _positive_on_range(P[0], jumps):
+        if not (_positive(P[0]) if law.is_random else _positive_on_range(P[0], jumps)):
             return NOTHING
-        for number in range(shape.jump_from, shape.count):
+        for number in shape.jumps:
             at_zero = number == 0 and law.from_zero
             for J in jumps:
-                if not (_gap_from_zero(P[0], J) if at_zero else _positive(jump_gap(P[0], P[number], J))):
+                if not (_gap_from_zero(P[0], J) if at_zero else _positive(self._gap(P[0], P[number], J))):
                     return NOTHING
         coefficients = list(flow_coefficients(P, shape, shape.lengths(law.T_min.scalar, law.T_max.scalar)))
         for A in maps.corners():
@@ -158,10 +173,15 @@ class Clock(Method):
                 return NOTHING
         return Proof.of(True, sigma)
 
+    def _gap(self, P_0: Matrix, P: Matrix, J: Matrix) -> Matrix:
+        if self.law.is_random:
+            return mean_gap(P_0, P, J, self.law.probability.scalar)  # type: ignore[no-any-return]
+        return jump_gap(P_0, P, J)  # type: ignore[no-any-return]
+
     def level(self, question: Question) -> Level | None:
         """V = e'P(tau)e never rises; elements beyond the n states (held errors) are 0 just after a sample, or reset
-        by its jump."""
-        if not self.prove(question).holds:
+        by its jump. Where samples are lost by chance it falls in the mean only."""
+        if self.law.is_random or not self.prove(question).holds:
             return None
         n, back = question.plant.n, self.S.inverse()
         reach: list[arb] | None = None
@@ -181,6 +201,8 @@ class Clock(Method):
 
     def factor(self, question: Question) -> float | None:
         """factor^2 = lambda_max(J'P(0)J) on the states over the least eigenvalue of P(tau) on [0, T_max]."""
+        if self.law.is_random:
+            return None
         n, back = question.plant.n, self.S.inverse()
         P = [back.T @ one @ back for one in self.coefficients]
         least: Fraction | None = None
@@ -230,11 +252,18 @@ def _well_posed(shape: Shape, law: SamplingLaw) -> bool:
         return False
     if law.T_max.sign() != 1:
         return False
-    if law.is_periodic:
+    if law.is_periodic or law.is_random:
         return shape.before > 0 and shape.after == 0
+    if law.is_lossy:
+        return shape.before > 0 and shape.after == law.lost * shape.before
     if (law.T_max - law.T_min).sign() != 1 or shape.after == 0:
         return False
     return shape.before == 0 if law.from_zero else law.T_min.sign() == 1 and shape.before > 0
+
+
+def _points(law: SamplingLaw) -> int:
+    """At how many points samples come, where some may be lost."""
+    return law.lost + 1 if law.is_lossy else 0
 
 
 def is_small(inclusion: HybridInclusion) -> bool:
@@ -285,10 +314,15 @@ def shapes(question: Question) -> Iterator[Shape]:
         return
     N = question.inclusion.floats.base.shape[0]
     for (d, D, pieces), largest in zip(_SCHEDULE, _LARGEST[question.level], strict=True):
+        if law.is_lossy:
+            pieces = max(1, pieces // (law.lost + 1)) * (law.lost + 1)
         if (pieces * d + 1) * N * (N + 1) // 2 > largest:
             return
-        if law.is_periodic:
+        if law.is_periodic or law.is_random:
             yield Shape(d, D, pieces, 0)
+        elif law.is_lossy:
+            before = pieces // (law.lost + 1)
+            yield Shape(d, D, before, pieces - before, _points(law))
         elif law.from_zero:
             yield Shape(d, D, 0, pieces)
         else:
@@ -384,7 +418,7 @@ def pose(question: Question, shape: Shape, C: list[Array] | None) -> Posed | Non
     if not all(np.all(np.isfinite(part)) for part in (unit.base, *jumps, *unit.parts)):
         return None
     seen = None if C is None else [one @ change for one in C]
-    search = Search(shape, float(law.T_min) / T, maps.base.shape[0], seen, law.from_zero)
+    search = Search(shape, float(law.T_min) / T, maps.base.shape[0], seen, law.from_zero, float(law.probability))
     search.cuts = question.memory.setdefault((shape, C is None), set())
     return Posed(search, unit, jumps, S)
 

@@ -34,7 +34,7 @@ class ImpulsiveGain(GainSearch):
         question = question.afresh()
         glance = question.with_effort(0)
         met = search.longest(
-            lambda T: design_impulsive(question.at(T)), question.law.T_max, search.tolerance(question.effort),
+            lambda T: design_impulsive(question.at(T)), question.law.period, search.tolerance(question.effort),
             glance=lambda T: design_impulsive(glance.at(T)),
         )  # fmt: skip
         return _candidate(question, met, None, question.rate)

@@ -24,15 +24,27 @@ def jump_gap(P_0: Any, P: Any, J: Any) -> Any:
     return P - J.T @ P_0 @ J
 
 
+def mean_gap(P_0: Any, P: Any, J: Any, p: Any) -> Any:
+    """P - (1 - p) J' P(0) J - p P(0): where the sample is lost with probability p."""
+    return P - J.T @ P_0 @ J * (1 - p) - P_0 * p
+
+
 def jump_block(P_0: Any, W: Any, C: Any, P: Any) -> Any:
     """[[P(0), P(0) - W C], [., P]] with W = P(0) K: definite exactly where `jump_gap` is, for J = I - K C."""
     B = P_0 - W @ C
     return block([[P_0, B], [B.T, P]])
 
 
+def mean_block(P_0: Any, W: Any, C: Any, P: Any, p: float) -> Any:
+    """[[P(0), r (P(0) - W C)], [., P - p P(0)]], r^2 = 1 - p: definite exactly where `mean_gap` is."""
+    B = (P_0 - W @ C) * (1 - p) ** 0.5
+    return block([[P_0, B], [B.T, P - P_0 * p]])
+
+
 @dataclass(frozen=True)
 class Shape:
-    """Degree d of P, degree D of the inequalities, and pieces: so many on [0, T_min], so many on [T_min, T_max].
+    """Degree d of P, degree D of the inequalities, and pieces: so many on [0, T_min], so many on [T_min, T_max];
+    points: at how many multiples of T_min the jump may come, 0 where anywhere in [T_min, T_max].
 
     Coefficients are numbered through: piece j has those from j d to (j + 1) d, ends shared."""
 
@@ -40,6 +52,7 @@ class Shape:
     D: int
     before: int
     after: int
+    points: int = 0
 
     @property
     def pieces(self) -> int:
@@ -54,6 +67,12 @@ class Shape:
     def jump_from(self) -> int:
         """Number of the first coefficient on which the jump is imposed."""
         return self.d * self.before
+
+    @property
+    def jumps(self) -> list[int]:
+        """Numbers of the coefficients on which the jump is imposed: those at the points, or all from T_min on."""
+        multiples = [self.jump_from * k for k in range(1, self.points + 1)]
+        return multiples or list(range(self.jump_from, self.count))
 
     def lengths(self, T_min: Any, T_max: Any) -> list[Any]:
         """Length of each piece."""

@@ -16,7 +16,15 @@ import numpy as np
 
 from cdobs_cli.certify.bernstein import derivative, elevation
 from cdobs_cli.certify.lmi import Cone, SparseColumns, ask_with_multipliers
-from cdobs_cli.certify.methods.clock.form import Shape, erases_the_rest, jump_block, jump_gap, kept_states, lyapunov
+from cdobs_cli.certify.methods.clock.form import (
+    Shape,
+    erases_the_rest,
+    jump_gap,
+    kept_states,
+    lyapunov,
+    mean_block,
+    mean_gap,
+)
 from cdobs_cli.certify.svec import full_basis, svec, symmetric_basis, triangle, unsvec
 from cdobs_cli.hybrid import ErrorMaps
 
@@ -49,6 +57,7 @@ class Search:
     Attributes:
         C: the output matrix where the jump I - K C is free, at each of its corners; None where the jumps are given.
         from_zero: the jump holds from tau = 0: J = diag(I, j), and P(0) is block diagonal alike.
+        lost: the probability of a sample to be lost.
         cuts: (coefficient of the flow inequality, corner) pairs imposed; carried from one period to the next.
     """
 
@@ -57,6 +66,7 @@ class Search:
     N: int
     C: list[Array] | None
     from_zero: bool
+    lost: float = 0.0
     cuts: set[tuple[int, int]] = field(default_factory=set)
     crossing: Array = field(init=False, repr=False)
 
@@ -213,7 +223,9 @@ class Search:
             right.extend([0.0] * (len(positive) * (len(positive) + 1) // 2))
             cones.append(("psd", len(positive)))
         blocks = list(self._given_jumps(jumps) if self.C is None else self._free_jumps(self.C))
-        for number in range(max(self.shape.jump_from, int(self.from_zero)), self.shape.count):
+        for number in self.shape.jumps:
+            if number == 0 and self.from_zero:
+                continue
             for old, new, W, dimension in blocks:
                 parts = {0: old + new} if number == 0 else {0: old, number: new}
                 parts |= {} if W is None else {-1: W}
@@ -226,8 +238,8 @@ class Search:
         """P(tau) - J'P(0)J as coefficients of P(0) and of P(tau), and its dimension."""
         zero = np.zeros((self.N, self.N))
         for J in jumps:
-            old = svec(np.array([jump_gap(P, zero, J) for P in self.basis]))
-            new = svec(np.array([jump_gap(zero, P, J) for P in self.basis]))
+            old = svec(np.array([mean_gap(P, zero, J, self.lost) for P in self.basis]))
+            new = svec(np.array([mean_gap(zero, P, J, self.lost) for P in self.basis]))
             yield old, new, None, self.N
 
     def _free_jumps(self, corners: list[Array]) -> Iterator[tuple[Array, Array, Array | None, int]]:
@@ -236,9 +248,9 @@ class Search:
         for C in corners:
             p = C.shape[0]
             none = np.zeros((self.N, p))
-            old = svec(np.array([jump_block(P, none, C, zero) for P in self.basis]))
-            new = svec(np.array([jump_block(zero, none, C, P) for P in self.basis]))
-            W = svec(np.array([jump_block(zero, unit, C, zero) for unit in full_basis(self.N, p)]))
+            old = svec(np.array([mean_block(P, none, C, zero, self.lost) for P in self.basis]))
+            new = svec(np.array([mean_block(zero, none, C, P, self.lost) for P in self.basis]))
+            W = svec(np.array([mean_block(zero, unit, C, zero, self.lost) for unit in full_basis(self.N, p)]))
             yield old, new, W, 2 * self.N
 
     def _semidefinite(self, parts: dict[int, Array], dimension: int) -> Array:

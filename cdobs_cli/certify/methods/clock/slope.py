@@ -66,9 +66,9 @@ def slope(question: Question, shape: Shape, letter: str | None = None) -> Slope 
 
 def _stretch(shape: Shape, T_min: float) -> list[float]:
     """T_max / h dh/dT_max of each piece: those before T_min stay."""
-    law_is_periodic = not shape.after
-    later = 1.0 if law_is_periodic else 1 / (1 - T_min)
-    return [1.0 if law_is_periodic else 0.0] * shape.before + [later] * shape.after
+    if shape.points or not shape.after:  # all of them stretch alike
+        return [1.0] * shape.pieces
+    return [0.0] * shape.before + [1 / (1 - T_min)] * shape.after
 
 
 def _directions(question: Question, letter: str, S: Array) -> Array:
