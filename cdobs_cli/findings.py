@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 Documents = dict[str, dict[str, Any] | None]
 STAGE_OF = {"design": "synthesize", "check": "check", "simulation": "simulate"}
 REPLAY = "replay"
+_PLACES = {"aperiodic": "max_period", "updated": "updated"}  # of a law's numbers; of others it is `period`
 
 
 def decided(spec: Spec, documents: Documents, stages: frozenset[str]) -> list[Outcome]:
@@ -102,8 +103,7 @@ def _place(spec: Spec, claim: str) -> FieldPath:
         return ("plant", "dynamics" if spec.typed else "phi")
     if getattr(spec.observer, "gain", None) is not None:
         return ("observer", "gain")
-    law = spec.plant.sampling.kind
-    return ("measurement", "sampling", {"periodic": "period", "aperiodic": "max_period"}.get(law, law))
+    return ("measurement", "sampling", _PLACES.get(spec.plant.sampling.kind, "period"))
 
 
 def _place_of_slope(parts: list[str]) -> FieldPath:

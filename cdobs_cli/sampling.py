@@ -95,8 +95,10 @@ class SamplingLaw:
 
     def contains(self, other: SamplingLaw) -> bool:
         """Whether every sequence of periods of the other law is certainly one of this law."""
+        if self == other:
+            return True
         if self.is_random or other.is_random:
-            return self == other
+            return False
         if self.is_lossy:
             return bool(other.multiples) and all(map(self.allows, other.multiples))
         return self.T_min.is_at_most(other.T_min) and other.T_max.is_at_most(self.T_max)
@@ -106,7 +108,7 @@ class SamplingLaw:
         if self.is_random:
             return False
         if self.is_lossy:
-            return any((gap - one).sign() == 0 for one in self.multiples)
+            return any(gap == one or (gap - one).sign() == 0 for one in self.multiples)
         return self.T_min.is_at_most(gap) and gap.is_at_most(self.T_max)
 
     @property

@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 _ALL_CORNERS = 10  # up to 2^10 corners are all tried, beyond that an ascent picks some
 _PERIOD_WORDS = 6
 _MOST_JUMPS = 64  # corners of the jump that are tried
+_LEAST_CHANCE = 1e-9  # a probability that no number below it says more than
 _MOST_IN_THE_MEAN = 8  # states of an error whose E e e' is followed
 _SLACK = 1e-7  # how far below 1 a float spectral radius may be for a proof to be tried
 
@@ -434,7 +435,7 @@ def every_gain_fails_from(inclusion: HybridInclusion) -> str | None:
         return None
     worst = corners[int(np.argmax(spectral_radii(exponentials(floats * float(T)))))]
     rho = spectral_radius_lower(view.flow(value.scalar for value in worst).exp(T.scalar))
-    return upper_text(1 / rho**2, 9) if rho > 1 else None
+    return upper_text((1 / rho**2).max(arb(_LEAST_CHANCE)), 9) if rho > 1 else None
 
 
 def slowest_decay(inclusion: HybridInclusion) -> arb | None:

@@ -56,8 +56,9 @@ class Family(BaseModel, ABC):
 
     def _problems_of_scheme(self, plant: Plant) -> Iterator[Problem]:
         law = plant.sampling
-        if law.is_lossy and not self.takes_losses:
-            hint = f"or ask for more: sampling: {{min_period: {law.T_min}, max_period: {law.T_max}}}"
+        if (law.is_lossy or law.is_random) and not self.takes_losses:
+            more = f"or ask for more: sampling: {{min_period: {law.T_min}, max_period: {law.T_max}}}"
+            hint = more if law.is_lossy else None
             yield Problem(("measurement", "lost"), "family reachability takes lost samples", self.name, hint=hint)
 
     def problems(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:

@@ -276,3 +276,17 @@ def test_runs_lose_what_the_law_says_and_their_mean_square_falls(tmp_path: Path)
     assert np.allclose(gaps, np.round(gaps)) and 0.25 < 1 - len(gaps) / gaps.sum() < 0.55
     assert np.abs(error).max() < 1e-3
     assert "envelope" not in result.check
+
+
+@pytest.mark.parametrize(
+    ("period", "lost", "verdict"),
+    [('"sqrt(2)/10"', "{at_most: 3}", "proved"), ("0.1", "{at_most: 20}", "undecided"),
+     ("1e6", "{probability: 0.1}", "refuted"), ('"pi/30"', '{probability: "1/3"}', "proved"),
+     ("0.1", "{probability: 0.9}", "refuted")],
+)  # fmt: skip
+def test_odd_numbers_are_answered(tmp_path: Path, period: str, lost: str, verdict: str) -> None:
+    text = PENDULUM.replace("period: 0.6}", f"period: {period}}}\n  lost: {lost}").replace("  method: set\n", "")
+    result = made(tmp_path, text, ("check",))
+    assert result.check is not None and result.check["verdict"] == verdict
+    if verdict == "undecided":
+        assert "at T = 0.1;" in result.messages[0].text and "sampling.period" in str(result.messages[0])

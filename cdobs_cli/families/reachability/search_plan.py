@@ -101,7 +101,7 @@ class PlanarGain(GainSearch):
 
 def why_nothing(family: Reachability, question: Question) -> str:
     """Why no gain was found."""
-    T = question.law.T_max
+    T = question.law.period
     if by_set(family, question) and not by_clock(family, question) and not box_holds(question.plant, T.ball()):
         return f"the set is known up to delta_star only, and delta = {T} is beyond it; method clock has no such limit"
     asked = {
