@@ -170,7 +170,7 @@ class Follow:
             told = result.headline or "; ".join(message.text for message in result.messages)
             yield result.status, self.specs[number], told
         for number, (since, words) in self._running.items():
-            yield "running", self.specs[number], f"{words} ({time.monotonic() - since:.0f} s)" if words else ""
+            yield "running", self.specs[number], f"{time.monotonic() - since:.0f} s, {words}" if words else ""
 
     def count(self) -> str:
         """`3/11  2 ok, 1 finding`."""

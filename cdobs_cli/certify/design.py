@@ -220,6 +220,7 @@ class _Synthesis:
     def _found(self, make: Callable[[GainSearch], Candidate | None]) -> list[Candidate]:
         """One from each search that finds one."""
         found = []
+        progress.doing(f"looking for a gain, sampling {self.asked.law.words}")
         for way in self.searches:
             candidate = make(way)
             if candidate is not None:
