@@ -174,7 +174,7 @@ def _prove_in_the_mean(inclusion: HybridInclusion, word: Word) -> arb | None:
         return None
     ((arc,), w), law = samples[0], inclusion.sampling
     alike = are_within(arc.values, inclusion.quantities) and are_within(w, inclusion.outputs)
-    if not alike or (arc.length - law.T_min).sign() != 0:
+    if not alike or not (arc.length == law.T_min or (arc.length - law.T_min).sign() == 0):
         return None
     maps, p = inclusion.balls, law.probability.scalar
     F = maps.flow(tuple(value.scalar for value in arc.values)).exp(arc.length.scalar)

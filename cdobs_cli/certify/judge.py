@@ -329,11 +329,15 @@ def _loss_probability(judgement: Judgement) -> dict[str, Bound]:
     own = [item for item in judgement.items if item.own and item.proof.holds and _is_as(item.method.law, law)]
     proved = [item.method.law.probability for item in own if item.method.reach == "convergence"]
     refuted = [item.method.law.probability for item in own if item.method.reach == "no convergence"]
-    most, least = max(proved, key=float, default=None), min(refuted, key=float, default=None)
+    lost = every_gain_fails_from(judgement.question.inclusion)
+    most = max(proved, key=float, default=None)
+    above = 0.0 if most is None else float(most)
+    # Fewer losses are not implied: some gains do worse with every sample than without one.
+    failing = [p for p in (*refuted, *([Exact(lost)] if lost is not None else [])) if float(p) > above]
+    least = min(failing, key=float, default=None)
     ends = (None if most is None else text_below(most), None if least is None else _above(least))
     about = f"sampling every {law.period}, in mean square"
     bounds = {"loss_probability_max": Bound(*ends, "", "clock", f"this gain, {about}")}
-    lost = every_gain_fails_from(judgement.question.inclusion)
     if lost is not None:
         bounds["loss_probability_max_any_gain"] = Bound(ends[0], lost, "", _UNCORRECTED, f"every gain, {about}")
     return bounds
@@ -379,6 +383,7 @@ def _brackets(judgement: Judgement, own: list[Judged]) -> dict[str, Bound]:
 def _any_gain(judgement: Judgement) -> dict[str, Bound]:
     """Of all gains: the longest period proved of one of them, the shortest at which every one fails."""
     some = (item for item in judgement.items if item.method.reach == "some gain" and item.proof.holds)
+    some = (item for item in some if item.method.covers.contains(judgement.law.with_period(item.T)))
     endless = next((item.method for item in some if item.method.endless), None)
     if endless is not None:
         return {"period_max_any_gain": _endless(endless.name, endless.statement)}

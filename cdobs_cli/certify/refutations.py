@@ -53,7 +53,11 @@ def _probabilities(question: Question) -> Iterator[Method]:
         return question.under(SamplingLaw.randomly(question.law.period, probability)).afresh()
 
     here, most = question.law.probability, Exact(_CERTAIN)
-    proved = search.between(lambda p: Clock.propose(at(p)), here, most, _WIDTH, _DIGITS)
+
+    def prove(p: Exact) -> Method | None:
+        return Clock.propose(at(p)) if p.is_at_most(most) else None
+
+    proved = search.between(prove, here, most, _WIDTH, _DIGITS) or search.largest(prove, here, _WIDTH, digits=_DIGITS)
     if proved is not None:
         yield proved[1]
     start = float(here if proved is None else proved[0])

@@ -106,6 +106,8 @@ def unseen(plant: Plant, law: SamplingLaw | None = None) -> Unseen | None:
     None says nothing.
     """
     law = law or plant.sampling
+    if law.is_random:  # what no sample shows is not shown by those that arrive
+        law = SamplingLaw.periodic(law.period)
     if not law.is_bounded:
         return None
     found = []

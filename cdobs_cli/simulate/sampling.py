@@ -50,7 +50,9 @@ class Timetable:
             after = t + period
         elif self.probability:
             share = 1.0 - self.draws.at("periods", "uniform", 0, runs, index)  # in (0, 1]
-            self.slots[runs] += 1 + np.floor(np.log(share) / np.log(self.probability))
+            # A probability that rounds to 1 leaves no sample.
+            lost = np.floor(np.log(share) / np.log(self.probability)) if self.probability < 1 else np.inf
+            self.slots[runs] += 1 + lost
             after = self.slots[runs] * self.low
         elif self.lost:
             share = self.draws.at("periods", "uniform", 0, runs, index)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 from command import PENDULUM, made
+from designing import designed
 from example_inclusions import canonical, impulsive, plant
 
+from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify import search
 from cdobs_cli.certify.falsify import Arc, Word, every_gain_fails_from, prove, refute, refutes
 from cdobs_cli.certify.floats import exponentials, spectral_radii
@@ -20,6 +23,7 @@ from cdobs_cli.certify.methods.counterexample import Counterexample
 from cdobs_cli.certify.methods.rung import GENERAL
 from cdobs_cli.certify.unseen import unseen
 from cdobs_cli.exact.numbers import Exact, decimal_text
+from cdobs_cli.families.reachability import Reachability
 from cdobs_cli.sampling import SamplingLaw
 
 
@@ -290,3 +294,51 @@ def test_odd_numbers_are_answered(tmp_path: Path, period: str, lost: str, verdic
     assert result.check is not None and result.check["verdict"] == verdict
     if verdict == "undecided":
         assert "at T = 0.1;" in result.messages[0].text and "sampling.period" in str(result.messages[0])
+
+
+def checked(folder: Path, dynamics: str, period: str, probability: str, gain: str) -> dict[str, Any]:
+    states = "[x, v]" if "v" in dynamics else "[x]"
+    text = (
+        f"spec_version: 1\nplant: {{states: {states}, dynamics: {dynamics}, output: [x]}}\n"
+        f"measurement: {{sampling: {{period: {period}}}, lost: {{probability: {probability}}}}}\n"
+        f"observer: {{family: reachability, objective: given_period{gain}}}\n"
+    )
+    result = made(folder, text, ("check",))
+    assert result.check is not None
+    return result.check
+
+
+def test_a_bracket_of_probabilities_never_contradicts_itself(tmp_path: Path) -> None:
+    """With K = 4 a stable plant does worse with every sample than without: rho < 1 above 0.2 only."""
+    check = checked(tmp_path, '["-x"]', "1", "0.1", ", gain: {K: [[4]]}")
+    bound = check["bounds"]["loss_probability_max"]
+    assert check["verdict"] == "refuted" and float(bound["proved"]) > 0.9 and bound["refuted"] is None
+    dead_beat = checked(tmp_path, '["x"]', "1", "0.5", ", gain: {K: [[1]]}")["bounds"]["loss_probability_max"]
+    assert float(dead_beat["proved"]) < np.exp(-2) < float(dead_beat["refuted"])
+    assert float(dead_beat["refuted"]) - float(dead_beat["proved"]) < 5e-3
+
+
+def test_irrational_periods_lost_by_chance_are_refuted_too(tmp_path: Path) -> None:
+    assert checked(tmp_path, '["-x"]', '"sqrt(2)"', "0.1", ", gain: {K: [[6]]}")["verdict"] == "refuted"
+    hidden = checked(tmp_path, '["v", "-4*x"]', '"pi/2"', "0.3", "")  # exp(A pi/2) = -I
+    assert hidden["verdict"] == "refuted"
+
+
+def test_a_probability_that_rounds_to_one_leaves_no_sample(tmp_path: Path) -> None:
+    lost = '"0.99999999999999999999"'
+    text = PENDULUM.replace("period: 0.6}", f"period: 0.2}}\n  lost: {{probability: {lost}}}")
+    text = text.replace("  method: set\n", "").replace('["0", "sin(theta)"]', '["-theta", "-omega"]')
+    text = text.replace("A: [[0, 1], [0, 0]]", "A: [[0, 0], [0, 0]]").replace("[[0, 0], [1, 0]]", "auto")
+    result = made(tmp_path, text)
+    assert result.simulation is not None and result.simulation["overall"]["measurements"] == 1
+
+
+@pytest.mark.parametrize("law", [by_chance("0.5", "0.3"), lossy("0.5", 2)])
+def test_that_every_constant_period_has_a_gain_says_nothing_of_losses(law: SamplingLaw) -> None:
+    integrators = plant([[0, 1], [0, 0]], [[0, 0], [0, 0]], [[0, 0], [0, 0]], [[1, 0]], law)
+    card = Reachability()
+    design = designed(card, integrators, 0)
+    more = Certificate("every_period", SamplingLaw.periodic(Exact("0.5")), {})
+    for one in (design, replace(design, certificates=(*design.certificates, more))):
+        check = card.certify(integrators, one, 0)
+        assert check.verdict == "proved" and check.bounds["period_max_any_gain"].proved != "inf"
