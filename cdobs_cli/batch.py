@@ -34,7 +34,7 @@ PLANT_SUFFIXES = (".plant.yaml", ".plant.yml")
 
 @dataclass(frozen=True)
 class Settings:
-    """The common options of the commands; followed: whether somebody watches what is being done."""
+    """The common options of the commands; followed: whether somebody watches; workers: within a spec."""
 
     out: Path = Path("results")
     effort: int = 1
@@ -44,6 +44,8 @@ class Settings:
     time_limit: float | None = None
     witness: str | None = None
     no_report: bool = False
+    resume: bool = False
+    workers: int = 1
     followed: bool = False
 
 
@@ -131,6 +133,7 @@ def _run(job: Job, stages: tuple[str, ...], settings: Settings, tell: Tell | Non
     store.open()
     forced = frozenset(stages) if settings.force else frozenset()
     work = pipeline.Work(spec, store, settings.effort, forced, draws=not settings.no_report)
+    work.workers, work.resumes = settings.workers, settings.resume
     limit = settings.time_limit
     try:
         with watched(tell if settings.followed else None, None if limit is None else limit * _FOR_SEARCHES) as watch:
@@ -201,7 +204,8 @@ def carry_out(
     results: dict[int, Result] = {}
     interrupted = False
     with console.following([str(job.spec) for job in todo], briefly=not stages) as follow:
-        settings = replace(settings, followed=follow.live is not None)
+        alone = len(todo) == 1
+        settings = replace(settings, followed=follow.live is not None, workers=settings.jobs if alone else 1)
         try:
             with closing(_each(todo, stages, settings, follow)) as ended:
                 for number, result in ended:

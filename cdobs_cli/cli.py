@@ -45,7 +45,9 @@ def _common(
     ] = Path("results"),
     effort: Annotated[int, typer.Option(min=0, max=3, help="Refinement of searches and counterexamples.")] = 1,
     force: Annotated[bool, typer.Option("--force", help="Redo what is current.")] = False,
-    jobs: Annotated[int, typer.Option(min=1, max=256, metavar="N", help="Specs at a time.")] = 1,
+    jobs: Annotated[
+        int, typer.Option(min=1, max=256, metavar="N", help="Specs at a time; of a single one, batches of runs.")
+    ] = 1,
     time_limit: Annotated[
         float | None, typer.Option(min=0, metavar="S", help="Seconds a spec; what is not finished is undecided.")
     ] = None,
@@ -139,6 +141,7 @@ def simulate(
     witness: Annotated[
         str | None, typer.Option(metavar="ID", help="Run the counterexample of this claim instead.")
     ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on where a killed simulation of many runs was.")] = False,
 ) -> Stages:
     """Run plant and observer together: simulation.npz, simulation.json, figures."""
     return ("replay",) if witness else ("simulate",)

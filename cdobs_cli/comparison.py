@@ -25,6 +25,7 @@ from cdobs_cli.plant import Box, Plant
 from cdobs_cli.run import Compared, Comparison, Filtered, Run, SimulationPlan, Trajectory
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.engine import simulate
+from cdobs_cli.simulate.record import Paths
 from cdobs_cli.simulate.summary import quadratic_means, root_mean_squares
 
 SEEDS = 8
@@ -52,13 +53,16 @@ def compared(run: Run, system: HybridSystem, plan: SimulationPlan, law: Sampling
     except NoFilterError as error:
         alone = {name: Compared(value, None) for name, value in run.overall.rmse_after_transient.items()}
         return replace(run, comparison=Comparison(len(run.summaries), alone, str(error)))
-    own, theirs = (
-        quadratic_means([root_mean_squares(plant.states, one.t, _error(one, name), late=True) for one in runs])
-        for name in ("x_hat", "ekf")
-    )
+    own, theirs = (quadratic_means([_late_figures(plant, one, name) for one in runs]) for name in ("x_hat", "ekf"))
     states = {name: Compared(own[name], theirs[name]) for name in own if name in theirs}
     filtered = Filtered(runs[0].t, _error(runs[0], "ekf").T)
     return replace(run, comparison=Comparison(len(runs), states), filtered=filtered)
+
+
+def _late_figures(plant: Plant, one: Trajectory, name: str) -> dict[str, float]:
+    """Root mean squares of the error of an estimate, by state, after the transient."""
+    error = _error(one, name)
+    return root_mean_squares(plant.states, Paths.one(one.t, error), error, late=True)[0]
 
 
 def _error(one: Trajectory, name: str) -> Array:

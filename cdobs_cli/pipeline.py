@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from cdobs_cli.spec.model import Spec
 
 T = TypeVar("T")
+PARTS = "simulation.parts"  # the folder of what is there of a simulation of many runs that is not through
 ARCHIVE = "archive"  # the entry of `digests` for the trajectories beside a summary
 _FIGURE_OF_RUN = "figures/states.svg"
 
@@ -45,6 +46,7 @@ class Work:
         forced: stages to redo although their artefact is current.
         effort: 0..3, the refinement schedule of searches and counterexamples.
         draws: whether figures are drawn.
+        workers: batches of runs simulated at a time; resumes: whether those of a killed simulation are used.
     """
 
     spec: Spec
@@ -52,6 +54,8 @@ class Work:
     effort: int = 1
     forced: frozenset[str] = frozenset()
     draws: bool = True
+    workers: int = 1
+    resumes: bool = False
     design: Design | None = field(default=None, init=False)
     check: Check | None = field(default=None, init=False)
     simulation: dict[str, Any] | None = field(default=None, init=False)
@@ -228,11 +232,12 @@ def _damaged(work: Work, name: str) -> ArtefactError:
 
 def _new_run(work: Work, design: Design) -> Run:
     from cdobs_cli.comparison import compared
-    from cdobs_cli.simulate.engine import simulate as engine
+    from cdobs_cli.simulate.ensemble import Parts, ensemble
 
     assert work.spec.simulation is not None
     loop = system_of(work.spec, design), work.spec.simulation, design.sampling
-    return compared(engine(*loop), *loop)
+    parts = Parts(work.store.folder / PARTS, _simulation_digests(work, design), work.workers, work.resumes)
+    return compared(ensemble(*loop, parts), *loop)
 
 
 def _write_run(work: Work, design: Design, run: Run) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -136,8 +136,38 @@ class Filtered:
 
 
 @dataclass(frozen=True)
+class Ensemble(Noun):
+    """Many runs: the numbers of those shown, which one is worst, the share that diverged, and the samples of a run."""
+
+    runs: int
+    shown: tuple[int, ...]
+    worst: int
+    diverged: float
+    measurements: Mapping[str, int]
+
+    @staticmethod
+    def of(summaries: Sequence[RunSummary], shown: tuple[int, ...], worst: int) -> Ensemble:
+        counts = sorted(one.measurements for one in summaries)
+        samples = {"least": counts[0], "median": counts[(len(counts) - 1) // 2], "most": counts[-1]}
+        return Ensemble(len(counts), shown, worst, sum(one.diverged for one in summaries) / len(counts), samples)
+
+
+@dataclass(frozen=True)
+class Bands:
+    """Of the errors of all runs: percentiles `levels` (Q,) of each state's |e| at times t (G,), values (Q, G); infinite
+    where a run came to no end."""
+
+    t: NDArray[np.float64]
+    levels: tuple[float, ...]
+    values: Mapping[str, NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
 class Run:
-    """All runs of one simulation; steps: of the integration, of the run that took most (not stored)."""
+    """All runs of one simulation; steps: of the integration, of the run that took most (not stored).
+
+    ensemble: of many runs, whose trajectories are kept and what all of them came to; None where all are kept.
+    """
 
     trajectories: tuple[Trajectory, ...]
     summaries: tuple[RunSummary, ...]
@@ -146,10 +176,18 @@ class Run:
     comparison: Comparison | None = None
     filtered: Filtered | None = None
     steps: int = 0
+    ensemble: Ensemble | None = None
+    bands: Bands | None = None
+
+    @property
+    def shown(self) -> tuple[int, ...]:
+        """The numbers of the runs that trajectories are kept of."""
+        return tuple(range(len(self.summaries))) if self.ensemble is None else self.ensemble.shown
 
     def document(self) -> dict[str, Any]:
         compared = {} if self.comparison is None else {"comparison": self.comparison.document()}
+        many = {} if self.ensemble is None else {"ensemble": self.ensemble.document()}
         return {
             "schema_version": 1, "runs": [summary.document() for summary in self.summaries],
-            "overall": self.overall.document(), **compared, "digests": dict(self.digests),
+            "overall": self.overall.document(), **compared, **many, "digests": dict(self.digests),
         }  # fmt: skip

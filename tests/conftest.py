@@ -11,6 +11,12 @@ import pytest
 from command import PENDULUM, ROOT, Cdobs
 
 
+@pytest.fixture(scope="session", autouse=True)
+def libraries(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """What is compiled is kept for the session, and not among the user's."""
+    os.environ["XDG_CACHE_HOME"] = str(tmp_path_factory.mktemp("cache"))
+
+
 @pytest.fixture
 def pendulum() -> str:
     return PENDULUM

@@ -43,6 +43,7 @@ class Function:
         scalar: its value for floats; raises where it has none.
         array: numpy's name for it, where that is another.
         code: how compiled code writes it, where that is no call.
+        c: the name that C has for it, where that is another.
         ball: its value for balls, of a monotone or cornered function for points; None where it jumps.
         partials: the partial derivatives; none for a kink, which has those of its branches.
         shape: what ranges and boxes are made from; None for arithmetic.
@@ -60,6 +61,7 @@ class Function:
     scalar: Callable[..., float] | None = None
     array: str = ""
     code: str = ""
+    c: str = ""
     ball: Callable[..., arb] | None = None
     partials: tuple[Rule, ...] = ()
     shape: Monotone | Periodic | Cornered | Kink | None = None
@@ -230,7 +232,7 @@ _FUNCTIONS = (
         shape=Monotone((ZERO, inf), _POSITIVE), values={0: 0, 1: 1},
     ),
     Function(
-        "abs", typed=(1,), scalar=abs, ball=lambda x: x.abs_lower().union(x.abs_upper()), rational=abs,
+        "abs", typed=(1,), scalar=abs, c="fabs", ball=lambda x: x.abs_lower().union(x.abs_upper()), rational=abs,
         partials=(lambda x: call("sign", x),), shape=Kink(lambda x: x, lambda x: x, lambda x: -x),
     ),
     Function(

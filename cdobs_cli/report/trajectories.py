@@ -42,12 +42,13 @@ def run_charts(
     """The common charts of a run; the first trajectory stands for the states, all of them for the error."""
     if not run.trajectories or len(run.trajectories[0].t) < 2:
         return ()
-    charts = [states_chart(plant, run.trajectories[0], len(run.trajectories), law)]
+    charts = [states_chart(plant, run.trajectories[0], len(run.summaries), law)]
     if coordinates is not None and "x_hat" in run.trajectories[0].estimates:
         charts.append(typed_states_chart(coordinates, run.trajectories[0]))
     error, intervals = error_chart(run, envelope), intervals_chart(run.trajectories[0])
     accuracy = None if run.comparison is None else accuracy_chart(plant, run, bounds or {})
-    return (*charts, *(chart for chart in (error, accuracy, intervals) if chart is not None))
+    bands = bands_chart(plant, run, bounds or {})
+    return (*charts, *(chart for chart in (error, bands, accuracy, intervals) if chart is not None))
 
 
 def states_chart(plant: Plant, trajectory: Trajectory, runs: int = 1, law: SamplingLaw | None = None) -> Chart:
@@ -140,10 +141,46 @@ def error_chart(run: Run, envelope: Mapping[str, str] | None) -> Chart | None:
         keep = bound >= _FAR_BELOW * float(np.min(errors, where=errors > 0, initial=np.inf))
         series.append(Series("proved envelope", t[keep], bound[keep], "line", "proved"))
         caption += " The envelope holds for every plant of the class, without disturbance and noise."
-    if len(run.trajectories) > MAX_RUNS:
-        caption += f" The first {MAX_RUNS} of {len(run.trajectories)} runs are drawn."
+    if len(run.summaries) > MAX_RUNS:
+        caption += f" The first {MAX_RUNS} of {len(run.summaries)} runs are drawn."
     panel = Panel("time (s)", r"$|x - \hat{x}|$", tuple(series), y_scale="log")
     return Chart("error", "Estimation error", caption, (panel,))
+
+
+def bands_chart(plant: Plant, run: Run, bounds: Mapping[str, Bound]) -> Chart | None:
+    """How large the error of each state is over all runs: percentiles at each time, the worst run, what is proved; None
+    where every run is drawn."""
+    bands, ensemble = run.bands, run.ensemble
+    if bands is None or ensemble is None:
+        return None
+    worst = run.trajectories[ensemble.shown.index(ensemble.worst)]
+    panels = []
+    for j, name in enumerate(plant.states[:MAX_PANELS]):
+        at = dict(zip(bands.levels, bands.values[name], strict=True))
+        floor = _smallest_seen(at[50.0])
+        low, quarter, median, most, high, largest = (np.maximum(at[one], floor) for one in sorted(at))
+        series = [
+            Series("5 % to 95 % of the runs", bands.t, low, "band", "beside", high),
+            Series("middle half", bands.t, quarter, "band", "estimate", most),
+            Series("median", bands.t, median, "line", "estimate"),
+            Series("largest of all", bands.t, largest, "line", "refuted"),
+        ]
+        if "x_hat" in worst.estimates:
+            error = np.abs(worst.estimates["x_hat"][:, j] - worst.x[:, j])
+            series.append(Series("worst run", worst.t, np.maximum(error, floor), "line", "truth"))
+        proved = float_or_none(bounds[f"error.{name}"].proved) if f"error.{name}" in bounds else None
+        if proved is not None and math.isfinite(proved):
+            series.append(Series("proved in the long run", bands.t[[0, -1]], [proved, proved], "line", "proved"))
+        panels.append(Panel("time (s)", f"|error of {axis_name(name)}|", tuple(series), y_scale="log"))
+    diverged = f" {100 * ensemble.diverged:.3g} % of them diverged." if ensemble.diverged else " None of them diverged."
+    caption = f"Size of the error over all {ensemble.runs} runs; the worst is run {ensemble.worst + 1}.{diverged}"
+    return Chart("bands", "Errors of all runs", caption, tuple(panels))
+
+
+def _smallest_seen(median: Any) -> float:
+    """Where the axis of an error ends below: a logarithm has no 0, and below rounding nothing is told apart."""
+    sizes = median[np.isfinite(median) & (median > 0)]
+    return float(max(sizes.min() / 100, sizes.max() * 1e-14)) if len(sizes) else 1e-300
 
 
 def accuracy_chart(plant: Plant, run: Run, bounds: Mapping[str, Bound]) -> Chart | None:

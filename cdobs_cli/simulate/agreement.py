@@ -11,7 +11,8 @@ from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.run import Run, RunSummary, Trajectory
 from cdobs_cli.simulate.departure import Departures, Limits
 from cdobs_cli.simulate.loop import View
-from cdobs_cli.simulate.summary import overall, root_mean_squares, summary
+from cdobs_cli.simulate.record import Paths
+from cdobs_cli.simulate.summary import of_trajectory, overall, root_mean_squares
 from cdobs_cli.simulate.watch import DIVERGED, distance
 
 _ROUNDING = 1e-9
@@ -22,7 +23,7 @@ def agrees(run: Run, system: HybridSystem) -> bool:
     """Whether every run is one of this plant and observer, and its summary does not say better of it than its
     trajectory shows: measurements, periods, errors anew; divergence, leaving the domain and the margin of the
     inclusion at least as bad as on the grid (the integrator has looked at more points than are kept)."""
-    pairs = zip(run.trajectories, run.summaries, strict=True)
+    pairs = zip(run.trajectories, (run.summaries[number] for number in run.shown), strict=True)
     return (
         overall(run.summaries) == run.overall
         and _is_compared(run, system)
@@ -41,7 +42,7 @@ def _is_compared(run: Run, system: HybridSystem) -> bool:
         return False
     shares = [(one.rmse, run.summaries[0].rmse_after_transient.get(name, 0.0)) for name, one in told.states.items()]
     if filtered is not None:
-        shown = root_mean_squares(plant.states, filtered.t, filtered.error.T, late=True)
+        shown = root_mean_squares(plant.states, Paths.one(filtered.t, filtered.error.T), filtered.error.T, late=True)[0]
         shares += [(one.rmse_ekf or 0.0, shown.get(name, 0.0)) for name, one in told.states.items()]
     elif any(one.rmse_ekf is not None for one in told.states.values()):
         return False
@@ -59,8 +60,7 @@ def _agrees(one: Trajectory, system: HybridSystem, told: RunSummary) -> bool:
     with np.errstate(all="ignore"):
         nothing: Array = np.empty((0, len(one.t)))
         seen = View(one.x.T, {name: rows.T for name, rows in one.estimates.items()}, {}, {}, nothing)
-        flagged, departure = told.diverged, told.departure
-        shown = summary(system.plant.states, one, seen, told.inclusion_margin, diverged=flagged, departure=departure)
+        shown = of_trajectory(system.plant.states, one, seen, told)
         if not (shown.document().keys() == told.document().keys() and _are_close(shown, told)):
             return False
         error = distance(seen)

@@ -3,7 +3,8 @@
 Keys: t, x, one per estimate (x_hat, or x_lower and x_upper), t_k, y_k, `input.<name>`, `internal.<name>`;
 all runs one after the other, run r in [offsets[r], offsets[r + 1]) of what is over t and
 [sample_offsets[r], sample_offsets[r + 1]) of t_k and y_k; `stopped`, one text a run, empty where none; where a filter
-was run beside, `filter.t` and `filter.error`, its error in run 0.
+was run beside, `filter.t` and `filter.error`, its error in run 0. Of many runs those that are shown stand there, and
+`bands.t` (G,), `bands.levels` (Q,), `bands.of.<state>` (Q, G), percentiles of the errors of all.
 """
 
 from __future__ import annotations
@@ -20,11 +21,12 @@ from numpy.typing import NDArray
 
 from cdobs_cli.codec import read
 from cdobs_cli.errors import ArtefactError
-from cdobs_cli.run import Comparison, Filtered, Run, RunSummary, Trajectory
+from cdobs_cli.run import Bands, Comparison, Ensemble, Filtered, Run, RunSummary, Trajectory
 
 MAX_BYTES = 2**30
 ON_GRID, AT_SAMPLES, PER_RUN = ("t", "x"), ("t_k", "y_k"), ("offsets", "sample_offsets", "stopped")
 OF_FILTER = ("filter.t", "filter.error")
+OF_BANDS, OF_STATE = ("bands.t", "bands.levels"), "bands.of."
 
 
 def arrays(run: Run) -> dict[str, NDArray[Any]]:
@@ -38,9 +40,14 @@ def arrays(run: Run) -> dict[str, NDArray[Any]]:
     ]
     together = {name: np.concatenate([own[name] for own in named]) for name in named[0]}
     beside = () if run.filtered is None else (run.filtered.t, run.filtered.error)
+    bands: dict[str, NDArray[Any]] = {}
+    if run.bands is not None:
+        bands = dict(zip(OF_BANDS, (run.bands.t, np.array(run.bands.levels)), strict=True))
+        bands |= {OF_STATE + name: values for name, values in run.bands.values.items()}
     return (
         together
         | dict(zip(OF_FILTER, beside, strict=False))
+        | bands
         | {
             "offsets": np.cumsum([0, *(len(one.t) for one in every)], dtype=np.int64),
             "sample_offsets": np.cumsum([0, *(len(one.t_k) for one in every)], dtype=np.int64),
@@ -100,8 +107,8 @@ def _array(content: bytes) -> NDArray[Any]:
 
 
 def _run(stored: Mapping[str, NDArray[Any]], document: Mapping[str, Any]) -> Run:
-    known = (*ON_GRID, *AT_SAMPLES, *PER_RUN, *OF_FILTER)
-    names = [name for name in stored if name not in known]
+    known = (*ON_GRID, *AT_SAMPLES, *PER_RUN, *OF_FILTER, *OF_BANDS)
+    names = [name for name in stored if name not in known and not name.startswith(OF_STATE)]
     estimates = [name for name in names if not name.startswith(("input.", "internal."))]
     inputs = [name.removeprefix("input.") for name in names if name.startswith("input.")]
     internals = [name.removeprefix("internal.") for name in names if name.startswith("internal.")]
@@ -118,11 +125,34 @@ def _run(stored: Mapping[str, NDArray[Any]], document: Mapping[str, Any]) -> Run
             {name: shown[f"input.{name}"] for name in inputs}, str(stored["stopped"][run]) or None,
         ))  # fmt: skip
     summaries = read(tuple[RunSummary, ...], document["runs"])
-    if len(summaries) != len(trajectories):
+    many = None if "ensemble" not in document else read(Ensemble, document["ensemble"])
+    kept = tuple(range(len(summaries))) if many is None else many.shown
+    if len(trajectories) != len(kept) or any(not 0 <= number < len(summaries) for number in kept):
         raise ValueError("the numbers of runs differ")
+    if many is not None and many != Ensemble.of(summaries, many.shown, many.worst):
+        raise ValueError("what is said of all runs is not what each is")
     overall, digests = read(RunSummary, document["overall"]), read(dict[str, str], document["digests"])
     comparison = read(Comparison, document["comparison"]) if "comparison" in document else None
-    return Run(tuple(trajectories), summaries, overall, digests, comparison, _filtered(stored))
+    return Run(
+        tuple(trajectories), summaries, overall, digests, comparison, _filtered(stored), ensemble=many,
+        bands=_bands(stored),
+    )  # fmt: skip
+
+
+def _bands(stored: Mapping[str, NDArray[Any]]) -> Bands | None:
+    """Raises: KeyError, ValueError for arrays that do not fit together."""
+    values = {name.removeprefix(OF_STATE): rows for name, rows in stored.items() if name.startswith(OF_STATE)}
+    if not values and not any(name in stored for name in OF_BANDS):
+        return None
+    t, levels = (stored[name] for name in OF_BANDS)
+    wrong = [rows for rows in values.values() if rows.shape != (len(levels), len(t)) or rows.dtype != np.dtype(float)]
+    if wrong or {t.dtype, levels.dtype} != {np.dtype(float)}:
+        raise ValueError("percentiles that are not one number a level and time")
+    if not np.all(np.isfinite(t)) or any(
+        np.isnan(rows).any() or np.any(rows[1:] < rows[:-1]) for rows in values.values()
+    ):
+        raise ValueError("percentiles that fall")
+    return Bands(t, tuple(levels.tolist()), values)
 
 
 def _filtered(stored: Mapping[str, NDArray[Any]]) -> Filtered | None:

@@ -64,6 +64,7 @@ class Limits:
         typed, stays = system.original, system.estimate_must_stay
         at_x = _limits(plant.domain, own) if typed is None else _limits(typed.domain, typed.inverse, least=_WAY_BACK)
         at_x_hat = _limits(plant.domain, own, "the estimate of ") if stays else []
+        self.groups = (at_x, at_x_hat)
         self.limits = (*at_x, *at_x_hat)
         self._values = [_compiled(limits, states) for limits in (at_x, at_x_hat)]
         ends = ("lower", "upper", "slack")
@@ -118,6 +119,11 @@ class Departures:
             if t[point] < self.first[run]:
                 which = int(np.argmax(excess[:, point]))
                 self.first[run], self.which[run], self.value[run] = t[point], which, values[which, point]
+
+    def take(self, first: Array, which: Integers, value: Array, beyond: Array) -> None:
+        """What somebody else has seen of all runs; `beyond` may lack limits that nothing was seen of."""
+        self.first, self.which, self.value = first, which, value
+        self.beyond[: len(beyond)] = beyond
 
     def of(self, run: int) -> Departure | None:
         if not np.isfinite(self.first[run]):

@@ -20,7 +20,7 @@ from cdobs_cli.simulate.signals import Draws, Signals, factor
 
 PARTS = 8  # sub-steps of the longest period
 _CHOSEN = 2000  # of the horizon, where the observer chooses its samples
-_ROUNDING = 1e-9
+ROUNDING = 1e-9
 
 
 class Disturbance:
@@ -50,7 +50,7 @@ class Disturbance:
             self.values[:, runs] = self._bounded(runs, index)
         if self.white is not None:
             known = np.isfinite(after)
-            parts = np.maximum(1, np.ceil(np.where(known, after - t, 0.0) / self.longest - _ROUNDING))
+            parts = np.maximum(1, np.ceil(np.where(known, after - t, 0.0) / self.longest - ROUNDING))
             self._left[runs] = np.where(known, parts, np.iinfo(np.int64).max)
             self._h[runs] = np.where(known, (after - t) / parts, self.longest)
             self._end[runs] = after

@@ -108,6 +108,12 @@ def _function(code: CodeType, name: str, flow: Callable[..., tuple[float, ...]])
     return function
 
 
+def _weighted(weights: Array, rows: Array) -> Array:
+    """weights (s,) times rows (s, K): not a product of matrices, which would round by the number of runs."""
+    total: Array = np.einsum("s,sk->k", weights, rows)
+    return total
+
+
 def array_step(
     slope: Callable[[Array, Array, Array], Array], t: Array, h: Array, y: Array, k: Array, held: Array, floor: Array
 ) -> tuple[Array, Array, Array, Array]:
@@ -122,11 +128,11 @@ def array_step(
     flat = slopes.reshape(13, -1)
     z = y
     for s in range(1, 13):
-        z = y + h * (_A[s] @ flat[:s]).reshape(size, runs)
+        z = y + h * _weighted(_A[s], flat[:s]).reshape(size, runs)
         slopes[s] = slope(t + (h if s == 12 else C[s] * h), z, held)
     scale = floor + RTOL * np.maximum(np.abs(y), np.abs(z))
-    five = (((_E5 @ flat).reshape(size, runs) / scale) ** 2).sum(axis=0)
-    three = (((_E3 @ flat).reshape(size, runs) / scale) ** 2).sum(axis=0)
+    five = ((_weighted(_E5, flat).reshape(size, runs) / scale) ** 2).sum(axis=0)
+    three = ((_weighted(_E3, flat).reshape(size, runs) / scale) ** 2).sum(axis=0)
     error = np.where(five == 0, 0.0, h * five / np.sqrt((five + 0.01 * three) * size + 1e-300))
     return z, slopes[12], error, slopes
 
@@ -139,9 +145,9 @@ def dense_output(slope: Callable[[Any, Array], Array], t: Any, h: Any, y: Array,
     every = np.concatenate([slopes, np.empty((3, *slopes.shape[1:]))])
     flat = every.reshape(16, -1)
     for s, c, row in zip((13, 14, 15), C_EXTRA, _A_EXTRA, strict=True):
-        every[s] = slope(t + c * h, y + h * (row @ flat[:s]).reshape(y.shape))
+        every[s] = slope(t + c * h, y + h * _weighted(row, flat[:s]).reshape(y.shape))
     change, first, last = new - y, every[0], every[12]
-    high = h * (_D @ flat).reshape(4, *y.shape)
+    high = h * np.array([_weighted(row, flat) for row in _D]).reshape(4, *y.shape)
     return np.concatenate([np.array([change, h * first - change, 2 * change - h * (last + first)]), high])
 
 

@@ -5,7 +5,8 @@ xdot = f(t, x),  t_k <= t < t_(k+1);    y_k = C x(t_k) + v_k;    x+ = g(x-, y_k)
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,16 +14,20 @@ from cdobs_cli.arrays import Array, Integers
 from cdobs_cli.errors import Problem, SpecError
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import HybridSystem
-from cdobs_cli.run import Run, SimulationPlan
+from cdobs_cli.run import Run, RunSummary, SimulationPlan, Trajectory
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.disturbance import Disturbance, longest_sub_step
+from cdobs_cli.simulate.ending import GROWN, SENTENCES, Ending
 from cdobs_cli.simulate.integrator import End, ManyRuns, OneRun, Progress
 from cdobs_cli.simulate.loop import ClosedLoop
-from cdobs_cli.simulate.record import Grid, Record
+from cdobs_cli.simulate.record import Grid, Log, Paths, Record, Samples, Sides, grid_times, paths, sides_of_one
 from cdobs_cli.simulate.sampling import Timetable
 from cdobs_cli.simulate.signals import Draws, Noise, Signals
-from cdobs_cli.simulate.summary import summarise
+from cdobs_cli.simulate.summary import overall, summarise, trajectory
 from cdobs_cli.simulate.watch import Watch
+
+if TYPE_CHECKING:
+    from cdobs_cli.simulate.compiled import Compiled
 
 # No input may hang: a run ends with a finding after so many samples or steps, fewer where there are many runs.
 MAX_RUNS, MAX_STATES_TOGETHER = 20_000, 400_000
@@ -33,7 +38,7 @@ MAX_STEPS, MAX_STEPS_TOGETHER = 200_000, 4_000_000
 def simulate(
     system: HybridSystem, plan: SimulationPlan, law: SamplingLaw, *, first: int = 0, max_steps: int = MAX_STEPS
 ) -> Run:
-    """Run plant and observer together over [0, horizon].
+    """Run plant and observer together over [0, horizon], every run shown.
 
     Sampling starts at t_0 = 0. The seed fixes initial states drawn from the box, aperiodic periods (uniform over their
     law), disturbance and noise; what a run sees does not depend on the other runs. Without typed signals, noise is
@@ -49,22 +54,59 @@ def simulate(
         SpecError: a signal outside its declared interval, a period outside the law, a start that needs a box
             that is not given, more samples or runs than can be had.
     """
+    batch = simulate_batch(system, plan, law, first=first, max_steps=max_steps)
+    runs = tuple(batch.trajectory(run) for run in range(plan.runs))
+    return Run(runs, tuple(batch.summaries), overall(batch.summaries), steps=batch.steps)
+
+
+def simulate_batch(
+    system: HybridSystem, plan: SimulationPlan, law: SamplingLaw, *, first: int = 0, together: int | None = None,
+    max_steps: int = MAX_STEPS, compiled: Compiled | None = None,
+) -> Batch:  # fmt: skip
+    """As `simulate`: `plan.runs` runs of the `together` that are kept in one memory budget, from number `first` on.
+
+    Args:
+        compiled: the loop in machine code; without it, over arrays.
+
+    Raises:
+        SpecError: as `simulate`.
+    """
     with np.errstate(all="ignore"):
         try:
-            simulation = _Simulation(system, plan, law, first, max_steps)
+            simulation = _Simulation(system, plan, law, first, max_steps, together or plan.runs)
             simulation.begin()
         except OverflowError as error:
             what = "a number that is too large to be simulated"
             raise SpecError.at(("simulation",), what, str(error), "numbers below 1e308") from error
-        return simulation.run()
+        kept = None if compiled is None else simulation.run_compiled(compiled)
+        return simulation.batch(*(kept or simulation.run()))
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Runs that were made together: their figures, and what there is to be shown of them; steps: of the one that took
+    most."""
+
+    loop: ClosedLoop
+    watch: Watch
+    paths: Paths
+    samples: Samples
+    summaries: list[RunSummary]
+    error: Array | None
+    grid: Array
+    steps: int
+
+    def trajectory(self, run: int) -> Trajectory:
+        return trajectory(self.loop, self.watch, self.paths, self.samples, run)
 
 
 class _Simulation:
     """One call of `simulate`; all runs, each at its own time."""
 
     def __init__(
-        self, system: HybridSystem, plan: SimulationPlan, law: SamplingLaw, first: int, max_steps: int
+        self, system: HybridSystem, plan: SimulationPlan, law: SamplingLaw, first: int, max_steps: int, together: int
     ) -> None:
+        """together: the runs that share limits of memory and work."""
         self.plan, self.runs, self.horizon = plan, plan.runs, float(plan.horizon)
         _refuse_impossible(system, plan)
         box = plan.initial_box
@@ -73,19 +115,23 @@ class _Simulation:
         self.loop = ClosedLoop(system, signals)
         self.draws = Draws(plan.seed, self.runs, first)
         self.noise = Noise(signals, self.draws)
-        self.max_samples = min(MAX_SAMPLES, max(100, MAX_SAMPLES_TOGETHER // self.runs))
+        self.max_samples = min(MAX_SAMPLES, max(100, MAX_SAMPLES_TOGETHER // together))
         chooses = system.observer.trigger is not None
         self.timetable = None if chooses else Timetable(law, plan, self.draws, self.max_samples)
-        self.max_steps = min(max_steps, MAX_STEPS, max(1000, MAX_STEPS_TOGETHER // self.runs))
-        kind = OneRun if self.runs == 1 else ManyRuns
+        self.max_steps = min(max_steps, MAX_STEPS, max(1000, MAX_STEPS_TOGETHER // together))
+        kind = OneRun if together == 1 else ManyRuns
         self.integrator = kind(self.loop, self.horizon, self.max_steps)
         self.watch = Watch(self.loop, self.runs)
-        self.record = Record(Grid(self.horizon, self.loop.size, len(self.loop.held), self.runs))
+        width = self.loop.size + len(self.loop.held)
+        self.grid = grid_times(self.horizon, width, together)
+        sides = Sides(sides_of_one(width, together))
+        self.record = Record(Grid(self.grid, self.loop.size, len(self.loop.held), self.runs), sides)
         self.next = np.full(self.runs, self.horizon)
         longest = longest_sub_step(None if chooses else float(law.T_max), self.horizon, self.max_steps)
         self.disturbance = Disturbance(signals, self.draws, self.runs, longest)
 
-    def run(self) -> Run:
+    def run(self) -> tuple[Log, Samples]:
+        """Every run to its end, over arrays; returns what was recorded."""
         progress, watch = self.progress, self.watch
         going, index = np.flatnonzero(~watch.halted), 0
         while going.size:
@@ -93,18 +139,65 @@ class _Simulation:
             due = going[(~watch.halted[going]) & ((codes == End.TRIGGERED) | (progress.t[going] >= self.next[going]))]
             index += 1
             if due.size and index >= self.max_samples:
-                self._halt(due, f"more than {self.max_samples} measurements before the horizon")
+                self._end(due, Ending.SAMPLES)
             elif due.size:
                 self._sample(due, index)
             going = going[~watch.halted[going] & (progress.t[going] < self.horizon)]
         # A jump at the horizon is followed by no flow that would look at it.
         left = np.flatnonzero(~watch.halted)
         watch(left, *progress.at(left))
+        return self.record.log(), self.record.samples(self.runs)
+
+    def run_compiled(self, compiled: Compiled) -> tuple[Log, Samples] | None:
+        """As `run`, in machine code; None where a signal leaves its declared interval."""
+        _, _, _, before, _ = self.record.sides.entries[0]
+        _, _, measured = self.record.measured[0]
+        progress, watch = self.progress, self.watch
+        instants = self._instants()
+        numbers = {
+            "horizon": self.horizon, "runs": self.runs, "max_steps": self.max_steps, "max_samples": self.max_samples,
+            "grid": self.grid, "y0": progress.y, "held0": progress.held, "before0": before, "measured0": measured,
+            "limit": watch.limit, "instants": instants, "code": np.where(watch.halted, Ending.START, Ending.HORIZON),
+        }  # fmt: skip
+        ended = watch.halted.copy()
+        made = compiled.run(numbers, self.disturbance, self.draws)
+        if made is None:
+            return None
+        outcome, log, samples = made
+        progress.t, progress.y, progress.held = outcome.stop_t, outcome.stop_y.T.copy(), outcome.stop_held.T.copy()
+        progress.steps, watch.margin = outcome.steps, outcome.margin
+        watch.departures.take(outcome.first, outcome.which, outcome.value, outcome.beyond)
+        for run in map(int, np.flatnonzero((outcome.code != Ending.HORIZON) & ~ended)):
+            reason, here = int(outcome.code[run]) - Ending.WATCH, (float(progress.t[run]), progress.y[:, run])
+            if reason < 0:
+                self._end(np.array([run]), Ending(int(outcome.code[run])))
+            else:
+                held, sentence = progress.held[:, run], watch.reasons[reason]
+                watch.halt(run, *here, held, sentence, diverged=reason == 0)
+        return log, samples
+
+    def _instants(self) -> Array | None:
+        """All sampling instants after the first, shape (R, K), infinite after the horizon; None where the observer
+        chooses them."""
+        if self.timetable is None:
+            return None
+        columns, index = [self.next.copy()], 0
+        while (going := np.flatnonzero(columns[-1] < self.horizon)).size and index < self.max_samples:
+            index += 1
+            after = np.full(self.runs, np.inf)
+            after[going] = self.timetable.after(going, index, columns[-1][going])
+            columns.append(after)
+        return np.stack([*columns, np.full(self.runs, np.inf)], axis=1)
+
+    def batch(self, log: Log, samples: Samples) -> Batch:
+        """What came out, from what was recorded."""
+        progress, watch, size = self.progress, self.watch, self.loop.size
         final_t = np.where(watch.halted, watch.stop_t, progress.t)
         final_y = np.where(watch.halted, watch.stop_y, progress.y)
-        final_held = np.where(watch.halted, watch.stop_held, progress.held)
-        made = summarise(self.loop, watch, self.record, final_t, final_y, final_held)
-        return replace(made, steps=int(progress.steps.max()))
+        final_z = np.concatenate([final_y, np.where(watch.halted, watch.stop_held, progress.held)])
+        kept = paths(log, samples, self.record.sides.most, float(self.grid[1]), size, final_t, final_z)
+        summaries, error = summarise(self.loop, watch, kept, samples)
+        return Batch(self.loop, watch, kept, samples, summaries, error, self.grid, int(progress.steps.max()))
 
     def _flow(self, runs: Integers) -> Integers:
         """Flow the given runs to their next sample, or the horizon; a white disturbance is drawn anew on the way.
@@ -137,7 +230,7 @@ class _Simulation:
         held_before = self.loop.hold(zeros, y, held, measured, self.disturbance.before(runs))
         self.progress = Progress.start(zeros.copy(), y, held_before)
         self.watch.begin(zeros, y, self.progress.held)
-        self._halt(runs[~np.isfinite(y).all(axis=0)], "the observer's start is undefined")
+        self._end(runs[~np.isfinite(y).all(axis=0)], Ending.START)
         self._jump(runs, 0, measured, jumps=self.loop.observer.jump_at_start)
 
     def _sample(self, runs: Integers, index: int) -> None:
@@ -163,29 +256,30 @@ class _Simulation:
         going = ~self.watch.halted[runs]
         # 1e-12 of the horizon is below what an instant can be told apart by: instants that close accumulate.
         crowded = going & (elapsed < 1e-12 * self.horizon) & (index > 0)
-        why = "sampling instants accumulate: the observer asks for samples faster than time can be resolved"
-        self._halt(runs[crowded], why)
+        self._end(runs[crowded], Ending.CROWDED)
         unready = going & ~crowded & ~(self.loop.trigger(t, after, held_after) < 0)
-        self._halt(runs[unready], "the trigger is not below 0 just after a sample, so that no next sample is defined")
+        self._end(runs[unready], Ending.UNREADY)
 
     def _halt_stuck(self, runs: Integers, codes: Integers) -> None:
         """Turn an integrator that cannot go on into a sentence."""
         if codes.max() < End.SINGULAR:
             return
-        many = f"more than {self.max_steps} integration steps: the flow is too fast for this horizon"
-        self._halt(runs[codes == End.EXHAUSTED], many)
-        for run in runs[codes == End.SINGULAR]:
-            largest = float(np.max(np.abs(self.progress.y[:, run])))
-            first = self.record.sides.entries[0][4][: self.loop.size, run]
-            grown = not largest <= 1e6 * (1.0 + float(np.max(np.abs(first))))
-            singular = "the equations are undefined or singular beyond this point"
-            why = "the states grow without bound in finite time" if grown else singular
-            self._halt(np.array([run]), why, diverged=grown)
+        self._end(runs[codes == End.EXHAUSTED], Ending.STEPS)
+        self._end(runs[codes == End.SINGULAR], Ending.NO_STEP)
 
-    def _halt(self, runs: Integers, sentence: str, *, diverged: bool = False) -> None:
+    def _end(self, runs: Integers, ending: Ending) -> None:
+        """End runs where they stand."""
         t, y, held = self.progress.t, self.progress.y, self.progress.held
         for run in map(int, runs):
-            self.watch.halt(run, float(t[run]), y[:, run], held[:, run], sentence, diverged=diverged)
+            grown = ending is Ending.NO_STEP and self._has_grown(run)
+            sentence = GROWN if grown else SENTENCES[ending]
+            sentence = sentence.format(max_samples=self.max_samples, max_steps=self.max_steps)
+            self.watch.halt(run, float(t[run]), y[:, run], held[:, run], sentence, diverged=grown)
+
+    def _has_grown(self, run: int) -> bool:
+        largest = float(np.max(np.abs(self.progress.y[:, run])))
+        first = self.record.sides.entries[0][4][: self.loop.size, run]
+        return not largest <= 1e6 * (1.0 + float(np.max(np.abs(first))))
 
     def _initial_states(self) -> Array:
         """x(0), shape (n, R): typed, or drawn uniformly from the box."""

@@ -201,7 +201,7 @@ class ManyRuns:
             codes[live[singular]] = End.SINGULAR
             until = np.where(tried == left, ends[live], t + tried)
             w = np.flatnonzero(good)
-            if w.size and (triggered or grid.any_due(ids[w], until[w])):
+            if w.size and (triggered or grid.is_due(ids[w], until[w]).any()):
                 along_step = t[w], tried[w], y[:, w], new[:, w], slopes[:, :, w]
                 coefficients = method.dense_output(partial(self._slope, held=held[:, w]), *along_step)
                 if triggered:

@@ -55,6 +55,19 @@ class View:
         return np.where(np.isnan(inside), -np.inf, inside)
 
 
+@dataclass(frozen=True)
+class Routine:
+    """One function of the loop: `rows` over `names`, then over what only this one reads."""
+
+    rows: tuple[Expression, ...]
+    names: tuple[str, ...]
+    further: tuple[str, ...] = ()
+
+    def arrays(self) -> Callable[..., tuple[Any, ...]]:
+        """Over numpy arrays, one a name."""
+        return compile_floats(self.rows, (*self.names, *self.further), arrays=True)
+
+
 class ClosedLoop:
     """A hybrid system with its signals put in."""
 
@@ -73,15 +86,23 @@ class ClosedLoop:
         known |= {f"y.{k}": Variable(name) for k, name in enumerate(self.last_measured)}
         inputs = {name: signal.substitute(known) for name, signal in signals.continuous.items()}
         self._signal_values = {**inputs, **elapsed}
-        self.flow = tuple(self._closed(row) for row in system.flow)
-        self._measure = self._arrays(system.measurement, signals.noise)
-        self._jump = self._arrays(system.jump, (f"y.{k}" for k in range(self.plant.p)))
-        self._control = self._arrays(tuple(self.observer.control.values()))
+        self.visible = {name: Variable(name) for name in (*self.controls, *signals.held)} | inputs
         seen = [*(row for rows in self.observer.estimates.values() for row in rows), *self.observer.internals.values()]
         seen += [*(Variable(name) for name in self.controls), *inputs.values(), *map(Variable, signals.held)]
         seen += [expression for expression, _ in self.observer.stops]
-        self._see = self._arrays(seen)
-        self._trigger = None if self.observer.trigger is None else self._arrays((self.observer.trigger,))
+        trigger = () if self.observer.trigger is None else (self.observer.trigger,)
+        self.routines = {
+            "flow": self._routine(system.flow),
+            "measure": self._routine(system.measurement, signals.noise),
+            "jump": self._routine(system.jump, [f"y.{k}" for k in range(self.plant.p)]),
+            "control": self._routine(tuple(self.observer.control.values())),
+            "see": self._routine(seen),
+            "trigger": self._routine(trigger),
+        }
+        self.flow = self.routines["flow"].rows
+        self._measure, self._jump, self._control, self._see, self._trigger = (
+            self.routines[name].arrays() for name in ("measure", "jump", "control", "see", "trigger")
+        )
 
     def _estimate(self) -> dict[str, Expression]:
         """What `hat.<state>` stands for in a signal: the estimate reported, or the middle of its bounds."""
@@ -92,11 +113,12 @@ class ClosedLoop:
             rows = tuple((low + high) / Number(2) for low, high in ends)
         return {f"{ESTIMATE}{name}": row for name, row in zip(self.plant.states, rows or (), strict=False)}
 
-    def _closed(self, expression: Expression) -> Expression:
+    def closed(self, expression: Expression) -> Expression:
+        """With the signals put in: over `names` and what is read at samples alone."""
         return expression.substitute(self._signal_values)
 
-    def _arrays(self, expressions: Sequence[Expression], further: Iterable[str] = ()) -> Callable[..., tuple[Any, ...]]:
-        return compile_floats([self._closed(row) for row in expressions], (*self.names, *further), arrays=True)
+    def _routine(self, expressions: Sequence[Expression], further: Iterable[str] = ()) -> Routine:
+        return Routine(tuple(self.closed(row) for row in expressions), self.names, tuple(further))
 
     def scalar_flow(self) -> Callable[..., tuple[float, ...]]:
         """f(t, *y, *held) over floats."""
@@ -119,7 +141,7 @@ class ClosedLoop:
             values |= {f"{side}.{name}": row for name, row in zip(self.plant.states, rows, strict=True)}
         values |= {f"y.{k}": row for k, row in enumerate(y)}
         values |= dict.fromkeys(("t", LAST_SAMPLE), np.zeros(x.shape[1]))
-        compiled = compile_floats([self._closed(row) for row in self.observer.start], tuple(values), arrays=True)
+        compiled = compile_floats([self.closed(row) for row in self.observer.start], tuple(values), arrays=True)
         return np.concatenate([x, stacked(compiled(*values.values()), x.shape[1])])
 
     def measure(self, t: Array, y: Array, held: Array, noise: Array) -> Array:
@@ -143,7 +165,6 @@ class ClosedLoop:
 
     def trigger(self, t: Array, y: Array, held: Array) -> Array:
         """The trigger's value, shape (P,)."""
-        assert self._trigger is not None
         value: Array = stacked(self._trigger(t, *y, *held), len(t))[0]
         return value
 

@@ -12,27 +12,48 @@ from cdobs_cli.arrays import Array, Booleans, Integers
 from cdobs_cli.simulate.dormand_prince import interpolate
 
 GRID_POINTS = 2001  # of one run; fewer for many
+SHOWN = 32  # runs that are all shown; of more some are, and the others are counted
+GRID_OF_MANY = 201
 SMALLEST_GRID = 21
 BUDGET = 2_000_000  # numbers kept on the grid, and again at jumps
+MOST_IN_MEMORY = 8_000_000  # numbers of both sides of jumps, before those of ended runs alone are kept whole
+ON_GRID, BEFORE, AFTER = 0, 1, 2
+
+
+def grid_times(horizon: float, width: int, runs: int) -> Array:
+    """Common, equally spaced times 0 .. horizon of so many runs of `width` numbers each."""
+    if runs > SHOWN:
+        return np.linspace(0.0, horizon, GRID_OF_MANY)
+    return np.linspace(0.0, horizon, max(SMALLEST_GRID, min(GRID_POINTS, BUDGET // (width * runs))))
+
+
+def sides_of_one(width: int, runs: int) -> int:
+    """How many jumps of one run are kept, where there are so many runs."""
+    return max(2, BUDGET // (2 * width * runs))
+
+
+def stride(samples: Any, most: int) -> Any:
+    """Every so manieth jump is kept: the least power of 2 that leaves at most `most` of so many (at least one)."""
+    return 2 ** np.ceil(np.log2(np.maximum(1, -(-np.asarray(samples) // most)))).astype(np.int64)
 
 
 class Grid:
-    """States of every run at common, equally spaced times 0 .. horizon.
+    """States of every run at common times.
 
     times (G + 1,), the last one infinite; z (R, n + c, G): states, and what is held; due (R,): next place to be filled.
     """
 
-    def __init__(self, horizon: float, size: int, held: int, runs: int) -> None:
-        points = max(SMALLEST_GRID, min(GRID_POINTS, BUDGET // ((size + held) * runs)))
-        self.times = np.append(np.linspace(0.0, horizon, points), np.inf)
-        self.size, self.z = size, np.empty((runs, size + held, points))
+    def __init__(self, times: Array, size: int, held: int, runs: int) -> None:
+        self.times = np.append(times, np.inf)
+        self.size, self.z = size, np.empty((runs, size + held, len(times)))
         self.due = np.zeros(runs, dtype=np.int64)
 
     def next_time(self, run: int) -> float:
         return float(self.times[self.due[run]])
 
-    def any_due(self, runs: Integers, until: Array) -> bool:
-        return bool((self.times[self.due[runs]] <= until).any())
+    def is_due(self, runs: Integers, until: Array) -> Booleans:
+        due: Booleans = self.times[self.due[runs]] <= until
+        return due
 
     def take(self, run: int, until: float) -> tuple[Array, slice]:
         """Times up to `until` that are still empty for this run, and their places; they count as filled."""
@@ -62,30 +83,76 @@ class Grid:
 
 @dataclass
 class Sides:
-    """Both sides of jumps, for all samples while they fit into the budget, then for every second, fourth, ..."""
+    """Both sides of jumps: runs, time, what was before and after, each entry one sample number of some runs."""
 
-    stride: int = 1
+    most: int
     entries: list[tuple[int, Integers, Array, Array, Array]] = field(default_factory=list)
     kept: int = 0
 
     def add(self, index: int, runs: Integers, t: Array, before: Array, after: Array) -> None:
         """States and what is held (n + c, len(runs)) of the given runs, before and after sample number `index` at t."""
-        if index % self.stride:
-            return
         self.entries.append((index, runs, t, before, after))
         self.kept += 2 * before.size
-        while self.kept > BUDGET and len(self.entries) > 2:
-            self.stride *= 2
-            self.entries = [entry for entry in self.entries if entry[0] % self.stride == 0]
-            self.kept = sum(2 * entry[3].size for entry in self.entries)
+        if self.kept > MOST_IN_MEMORY:
+            self._thin(index, runs)
+
+    def _thin(self, index: int, going: Integers) -> None:
+        """Leave out of the runs that go on what their number of samples will leave out in the end."""
+        every, thinned = int(stride(index + 1, self.most)), []
+        for number, runs, *columns in self.entries:
+            stays = np.ones(len(runs), dtype=bool) if number % every == 0 else ~np.isin(runs, going)
+            if stays.any():
+                t, before, after = columns
+                thinned.append((number, runs[stays], t[stays], before[:, stays], after[:, stays]))
+        self.entries, self.kept = thinned, sum(2 * entry[3].size for entry in thinned)
 
 
-def _coincides(t: Array, instants: Array, slack: float) -> Booleans:
-    """Which times are within rounding of one of the (sorted) instants."""
-    after = np.searchsorted(instants, t).clip(1, max(1, len(instants) - 1))
-    nearest = np.minimum(np.abs(instants[after - 1] - t), np.abs(instants[np.minimum(after, len(instants) - 1)] - t))
-    close: Booleans = nearest <= slack
-    return close
+@dataclass(frozen=True)
+class Log:
+    """All that was recorded, run after run, each in the order of time.
+
+    run, kind, index (P,): whose it is, where it was (on the grid, before or after a jump), at which sample; t (P,);
+    z (n + c, P): states, and what is held.
+    """
+
+    run: Integers
+    kind: Integers
+    index: Integers
+    t: Array
+    z: Array
+
+
+@dataclass(frozen=True)
+class Samples:
+    """All measurements: run r took those in [offsets[r], offsets[r + 1]) of t (K,) and y (p, K)."""
+
+    offsets: Integers
+    t: Array
+    y: Array
+
+
+@dataclass(frozen=True)
+class Paths:
+    """What is kept of runs: run r went through [offsets[r], offsets[r + 1]) of t (P,) and z (n + c, P)."""
+
+    offsets: Integers
+    t: Array
+    z: Array
+
+    @staticmethod
+    def one(t: Array, z: Array) -> Paths:
+        """Of a single run."""
+        return Paths(np.array([0, len(t)]), t, z)
+
+    @property
+    def run(self) -> Integers:
+        """Whose each point is."""
+        return np.repeat(np.arange(len(self.offsets) - 1), np.diff(self.offsets))
+
+    @property
+    def last(self) -> Integers:
+        """The place of each run's end."""
+        return self.offsets[1:] - 1
 
 
 @dataclass
@@ -93,46 +160,70 @@ class Record:
     """Everything kept: grid, jumps, and the measurements (runs, t_k, y_k (p, ..)) of each sample."""
 
     grid: Grid
-    sides: Sides = field(default_factory=Sides)
+    sides: Sides
     measured: list[tuple[Any, Any, Any]] = field(default_factory=list)
 
-    def points(self, final_t: Array, final_y: Array, final_held: Array) -> list[tuple[Array, Array, Array]]:
-        """For each run: t (N,), y (n, N), held (c, N) up to the run's end, in order, both sides of each jump kept.
+    def log(self) -> Log:
+        places = np.arange(len(self.grid.times) - 1)
+        filled, at = np.nonzero(places < self.grid.due[:, None])
+        nothing = np.zeros(len(filled), dtype=np.int64)
+        run, kind, index = [filled], [nothing + ON_GRID], [nothing]
+        t, z = [self.grid.times[at]], [self.grid.z[filled, :, at].T]
+        for number, runs, t_k, before, after in self.sides.entries:
+            for side, columns in ((BEFORE, before), (AFTER, after)):
+                run.append(runs)
+                kind.append(np.full(len(runs), side))
+                index.append(np.full(len(runs), number))
+                t.append(t_k)
+                z.append(columns)
+        whose, where, when = np.concatenate(run), np.concatenate(kind), np.concatenate(t)
+        order = np.lexsort((where, when, whose))
+        return Log(
+            whose[order], where[order], np.concatenate(index)[order], when[order], np.concatenate(z, axis=1)[:, order]
+        )
 
-        A grid time at which the run was sampled is left out: the two sides of the jump stand for it. So are
-        states that are not finite, unless the run has no others.
-        """
-        runs, size = len(final_t), len(final_y)
-        final = np.concatenate([final_y, final_held])
-        ids = np.concatenate([entry[1] for entry in self.sides.entries])
-        # One column a jump: its time, and both sides.
-        columns = [np.concatenate([t[None], before, after]) for _, _, t, before, after in self.sides.entries]
-        rows, result = np.concatenate(columns, axis=1), []
-        for run, jumps in enumerate(_by_run(ids, rows, runs)):
-            end = float(final_t[run])
-            jumps = jumps[:, jumps[0] <= end]
-            t_k, (before, after) = jumps[0], np.split(jumps[1:], 2)
-            times = self.grid.times[: int(self.grid.due[run])]
-            taken = np.flatnonzero((times <= end) & ~_coincides(times, t_k, 1e-9 * float(self.grid.times[1])))
-            t, order = np.concatenate([times[taken], t_k, t_k]), np.repeat([0, 1, 2], [len(taken), len(t_k), len(t_k)])
-            z = np.concatenate([self.grid.z[run][:, taken], before, after], axis=1)
-            if not t.max() >= end:
-                t, order, z = np.append(t, end), np.append(order, 3), np.append(z, final[:, [run]], axis=1)
-            places = np.lexsort((order, t))
-            finite = np.isfinite(z[:size, places]).all(axis=0)
-            places = places[finite] if finite.any() else places
-            result.append((t[places], z[:size, places], z[size:, places]))
-        return result
-
-    def measurements(self, runs: int) -> list[tuple[Array, Array]]:
-        """For each run: t_k (K,), y_k (K, p)."""
+    def samples(self, runs: int) -> Samples:
         ids = np.concatenate([entry[0] for entry in self.measured])
-        rows = np.concatenate([np.concatenate([t[None], y]) for _, t, y in self.measured], axis=1)
-        return [(own[0], own[1:].T) for own in _by_run(ids, rows, runs)]
+        order = np.argsort(ids, kind="stable")
+        t = np.concatenate([entry[1] for entry in self.measured])[order]
+        y = np.concatenate([entry[2] for entry in self.measured], axis=1)[:, order]
+        return Samples(_offsets(ids, runs), t, y)
 
 
-def _by_run(ids: Integers, columns: Array, runs: int) -> list[Array]:
-    """The columns of each run, in their order; every run has at least one."""
-    order = np.argsort(ids, kind="stable")
-    starts = np.searchsorted(ids[order], np.arange(1, runs))
-    return np.split(columns[:, order], starts, axis=1)
+def paths(log: Log, samples: Samples, most: int, spacing: float, size: int, final_t: Array, final_z: Array) -> Paths:
+    """What is kept of a log: each run up to its end (final_t (R,), final_z (n + c, R)), both sides of each jump.
+
+    A grid time at which the run was sampled is left out: the two sides of the jump stand for it. So are states that
+    are not finite, unless the run has no others, and of the jumps of a run all but `most`, evenly.
+    """
+    runs = len(final_t)
+    every = stride(np.diff(samples.offsets), most)[log.run]
+    kept = (log.t <= final_t[log.run]) & ((log.kind == ON_GRID) | (log.index % every == 0))
+    kept[kept] = ~_beside_a_jump(log.run[kept], log.kind[kept], log.t[kept], 1e-9 * spacing)
+    run, t, z = log.run[kept], log.t[kept], log.z[:, kept]
+    early = np.flatnonzero(~(t[_offsets(run, runs)[1:] - 1] >= final_t))
+    at = _offsets(run, runs)[early + 1]
+    if early.size:
+        run, t = np.insert(run, at, early), np.insert(t, at, final_t[early])
+        z = np.insert(z, at, final_z[:, early], axis=1)
+    finite = np.isfinite(z[:size]).all(axis=0)
+    has_any = np.bincount(run[finite], minlength=runs) > 0
+    shown = finite | ~has_any[run]
+    if shown.all():
+        return Paths(_offsets(run, runs), t, z)
+    return Paths(_offsets(run[shown], runs), t[shown], z[:, shown])
+
+
+def _beside_a_jump(run: Integers, kind: Integers, t: Array, slack: float) -> Booleans:
+    """Which grid points are within `slack` of a jump of their run: of one of their neighbours, as the grid is wider."""
+    near = (np.diff(t) <= slack) & (np.diff(run) == 0)
+    on_grid, beside = kind == ON_GRID, np.zeros(len(t), dtype=bool)
+    beside[:-1] |= near & ~on_grid[1:]
+    beside[1:] |= near & ~on_grid[:-1]
+    result: Booleans = beside & on_grid
+    return result
+
+
+def _offsets(run: Integers, runs: int) -> Integers:
+    """Where each run begins, and where the last one ends."""
+    return np.concatenate([[0], np.cumsum(np.bincount(run, minlength=runs))])

@@ -6,7 +6,7 @@ many runs there are, nor on how far the others got.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -32,10 +32,16 @@ class Range:
     lower: float
     upper: float
 
-    def holds(self, values: Array) -> Booleans:
-        """Which values stay; a signal may touch its ends, up to rounding."""
+    @property
+    def ends(self) -> tuple[float, float]:
+        """A signal may touch its ends, up to rounding."""
         slack = 1e-9 * max((abs(end) for end in (self.lower, self.upper) if abs(end) < np.inf), default=0.0)
-        inside: Booleans = (values >= self.lower - slack) & (values <= self.upper + slack)
+        return self.lower - slack, self.upper + slack
+
+    def holds(self, values: Array) -> Booleans:
+        """Which values stay."""
+        low, high = self.ends
+        inside: Booleans = (values >= low) & (values <= high)
         return inside
 
 
@@ -209,6 +215,15 @@ class Draws:
             self._tables[key] = np.concatenate([self._tables[key], block], axis=1)
         numbers: Array = self._tables[key][runs, index]
         return numbers
+
+    def table(self, purpose: str, kinds: Sequence[str], count: int) -> Array:
+        """The first numbers of all runs, shape (R, channels, count); a channel without a kind is 0."""
+        table = np.zeros((self.runs, len(kinds), count))
+        for channel, kind in enumerate(kinds):
+            if kind:
+                self.at(purpose, kind, channel, np.arange(self.runs), count - 1)
+                table[:, channel] = self._tables[purpose, channel][:, :count]
+        return table
 
 
 class Noise:

@@ -7,81 +7,137 @@ from typing import Any
 
 import numpy as np
 
-from cdobs_cli.arrays import Array
-from cdobs_cli.run import Departure, Run, RunSummary, Trajectory
+from cdobs_cli.arrays import Array, Integers
+from cdobs_cli.run import Departure, RunSummary, Trajectory
 from cdobs_cli.simulate.departure import LARGEST
 from cdobs_cli.simulate.loop import ClosedLoop, View
-from cdobs_cli.simulate.record import Record
+from cdobs_cli.simulate.record import Paths, Samples
 from cdobs_cli.simulate.watch import Watch
 
 ENCLOSURE_ROUNDING = 1e-9  # of the largest value met: a state outside its bounds by less is on them
 
 
-def summarise(loop: ClosedLoop, watch: Watch, record: Record, final_t: Array, final_y: Array, final_held: Array) -> Run:
-    """Trajectories with estimates, and their figures; final_t (R,), final_y (n, R), final_held (c, R)."""
-    trajectories, summaries = [], []
-    points, measurements = record.points(final_t, final_y, final_held), record.measurements(len(final_t))
-    for run, ((t, y, held), (t_k, y_k)) in enumerate(zip(points, measurements, strict=True)):
-        seen = loop.see(t, y, held)
-        loop.signals.refuse_outside(t, seen.signals)
-        inputs = {source.name: seen.signals[source.name] for source in loop.plant.inputs}
-        inputs |= {name: values for name, values in seen.signals.items() if name.startswith("d.")}
-        estimates = {name: rows.T for name, rows in seen.estimates.items()}
-        path = Trajectory(t, seen.x.T, estimates, dict(seen.internals), t_k, y_k, inputs, watch.stopped[run])
-        trajectories.append(path)
-        margin = _margin(min(watch.margin[run], seen.margin.min()), seen) if seen.encloses else None
-        watch.departures.look(np.full(len(t), run), t, seen.x, seen.estimates.get("x_hat"))
-        diverged, departure = bool(watch.diverged[run]), watch.departures.of(run)
-        summaries.append(summary(loop.plant.states, path, seen, margin, diverged=diverged, departure=departure))
-    return Run(tuple(trajectories), tuple(summaries), overall(summaries))
+def summarise(loop: ClosedLoop, watch: Watch, paths: Paths, samples: Samples) -> tuple[list[RunSummary], Array | None]:
+    """The figures of every run, and the error (n, P) along its path that they are made from, where there is one."""
+    held, size = paths.z[loop.size :], loop.size
+    seen = loop.see(paths.t, paths.z[:size], held)
+    loop.signals.refuse_outside(paths.t, seen.signals)
+    watch.departures.look(paths.run, paths.t, seen.x, seen.estimates.get("x_hat"))
+    runs = len(watch.stopped)
+    margins = _margins(watch.margin, paths, seen) if seen.encloses else [None] * runs
+    further = [(bool(watch.diverged[run]), watch.departures.of(run), watch.stopped[run]) for run in range(runs)]
+    return figures(loop.plant.states, paths, samples, seen, margins, further), seen.error
 
 
-def _margin(smallest: float, seen: View) -> float:
-    """The smallest distance of a state from its bounds, negative outside; 0 where that is rounding."""
-    values = (seen.x, seen.estimates["x_lower"], seen.estimates["x_upper"])
-    size = max(float(np.abs(rows[np.isfinite(rows)]).max(initial=0.0)) for rows in values)
-    if -ENCLOSURE_ROUNDING * size <= smallest < 0:
-        return 0.0
-    return float(np.clip(smallest, -LARGEST, LARGEST))
+def trajectory(loop: ClosedLoop, watch: Watch, paths: Paths, samples: Samples, run: int) -> Trajectory:
+    """What is shown of one run."""
+    own, sampled = _own(paths.offsets, run), _own(samples.offsets, run)
+    t, z = paths.t[own], paths.z[:, own]
+    seen = loop.see(t, z[: loop.size], z[loop.size :])
+    inputs = {source.name: seen.signals[source.name] for source in loop.plant.inputs}
+    inputs |= {name: values for name, values in seen.signals.items() if name.startswith("d.")}
+    estimates = {name: rows.T for name, rows in seen.estimates.items()}
+    t_k, y_k = samples.t[sampled], samples.y[:, sampled].T
+    return Trajectory(t, seen.x.T, estimates, dict(seen.internals), t_k, y_k, inputs, watch.stopped[run])
 
 
-def summary(
-    states: Sequence[str], path: Trajectory, seen: View, margin: float | None, *, diverged: bool,
-    departure: Departure | None,
-) -> RunSummary:  # fmt: skip
-    """The figures of one run. Periods are between its measurements, the one at t_0 included; rmse is the root of the
+def _own(offsets: Integers, run: int) -> slice:
+    return slice(int(offsets[run]), int(offsets[run + 1]))
+
+
+def of_trajectory(states: Sequence[str], path: Trajectory, seen: View, told: RunSummary) -> RunSummary:
+    """The figures that a trajectory shows; margin, divergence and departure are those that are told of it."""
+    samples = Samples(np.array([0, len(path.t_k)]), path.t_k, path.y_k.T)
+    further = [(told.diverged, told.departure, path.stopped)]
+    return figures(states, Paths.one(path.t, seen.x), samples, seen, [told.inclusion_margin], further)[0]
+
+
+def _margins(smallest: Array, paths: Paths, seen: View) -> list[float | None]:
+    """The smallest distance of a state from its bounds, of each run, negative outside; 0 where that is rounding."""
+    values = [np.abs(rows) for rows in (seen.x, seen.estimates["x_lower"], seen.estimates["x_upper"])]
+    size = _most(np.max([np.where(np.isfinite(rows), rows, 0.0).max(axis=0) for rows in values], axis=0), paths)
+    least = np.minimum(smallest, np.minimum.reduceat(seen.margin, paths.offsets[:-1]))
+    rounded = (-ENCLOSURE_ROUNDING * size <= least) & (least < 0)
+    return [float(one) for one in np.where(rounded, 0.0, np.clip(least, -LARGEST, LARGEST))]
+
+
+def _most(values: Array, paths: Paths) -> Array:
+    """The largest of each run, over the last axis."""
+    most: Array = np.maximum.reduceat(values, paths.offsets[:-1], axis=-1)
+    return most
+
+
+def figures(
+    states: Sequence[str], paths: Paths, samples: Samples, seen: View, margins: Sequence[float | None],
+    further: Sequence[tuple[bool, Departure | None, str | None]],
+) -> list[RunSummary]:  # fmt: skip
+    """The figures of each run. Periods are between its measurements, the one at t_0 included; rmse is the root of the
     time average of the squared error (trapezoids over the output grid), of the whole run and of its second half, where
-    what is left of the initial error is small if the run is long enough to show anything."""
-    # Instants are good to about 1e-12: digits beyond that are rounding of the differences.
-    periods = [float(f"{period:.12g}") for period in np.diff(path.t_k)]
-    error, final = seen.error, None
-    rmse, late, most = dict[str, float](), dict[str, float](), dict[str, float]()
-    if error is not None:
-        sizes = zip(states, np.abs(error).max(axis=1), strict=True)
-        most = {name: float(size) for name, size in sizes if np.isfinite(size)}
-        final = _finite(_size(error[:, -1]))
-        rmse, late = root_mean_squares(states, path.t, error), root_mean_squares(states, path.t, error, late=True)
-    return RunSummary(
-        len(path.t_k), min(periods, default=None), max(periods, default=None),
-        final, rmse, late, margin, diverged, departure is not None, departure, path.stopped, most,
-    )  # fmt: skip
+    what is left of the initial error is small if the run is long enough to show anything.
+
+    Args:
+        further: of each run whether it diverged, how it left the domain, and why it was stopped.
+    """
+    states_of_all = _errors(states, paths, seen.error, len(further))
+    rows = zip(np.diff(samples.offsets), _periods(samples), states_of_all, margins, further, strict=True)
+    return [
+        RunSummary(
+            int(count), *periods, final, whole, late, margin, diverged, departure is not None, departure, stopped, most
+        )
+        for count, periods, (final, whole, late, most), margin, (diverged, departure, stopped) in rows
+    ]
 
 
-def root_mean_squares(states: Sequence[str], t: Array, error: Array, *, late: bool = False) -> dict[str, float]:
-    """Of each row of error (n, N) over t (N,), or over its second half; by state, those that floats hold."""
-    if late:
-        after = t >= t[0] + 0.5 * (1.0 - 1e-12) * (t[-1] - t[0])
-        t, error = t[after], error[:, after]
-    means = {name: _finite(_root_mean_square(t, row)) for name, row in zip(states, error, strict=True)}
-    return {name: value for name, value in means.items() if value is not None}
+_Sizes = dict[str, float]
 
 
-def _root_mean_square(t: Array, values: Array) -> float:
-    length, largest = float(t[-1] - t[0]), float(np.abs(values).max())
-    if not length > 0 or largest == 0:
-        return float(abs(values[-1]))
-    squares = (values / largest) ** 2
-    return largest * float(np.sqrt(np.diff(t) @ (squares[:-1] + squares[1:]) / (2 * length)))
+def _errors(
+    states: Sequence[str], paths: Paths, error: Array | None, runs: int
+) -> list[tuple[float | None, _Sizes, _Sizes, _Sizes]]:
+    """Of each run the error's size in the end, its root mean squares, late ones, and the largest of each state."""
+    if error is None:
+        return [(None, {}, {}, {}) for _ in range(runs)]
+    final = [_finite(_size(error[:, at])) for at in paths.last]
+    whole, late = (root_mean_squares(states, paths, error, late=half) for half in (False, True))
+    return list(zip(final, whole, late, _named(states, _most(np.abs(error), paths)), strict=True))
+
+
+def _periods(samples: Samples) -> list[tuple[float | None, float | None]]:
+    """The shortest and the longest of each run; instants are good to about 1e-12: digits beyond that are rounding."""
+    lengths, starts = np.diff(samples.t, append=np.nan), samples.offsets[:-1]
+    lengths[samples.offsets[1:] - 1] = np.nan
+    least, most = (one.reduceat(lengths, starts) for one in (np.fmin, np.fmax))
+    return [
+        (None, None) if np.isnan(low) else (float(f"{low:.12g}"), float(f"{high:.12g}"))
+        for low, high in zip(least, most, strict=True)
+    ]
+
+
+def root_mean_squares(
+    states: Sequence[str], paths: Paths, error: Array, *, late: bool = False
+) -> list[dict[str, float]]:
+    """Of each row of error (n, P) over each run, or over its second half; by state, those that floats hold."""
+    t, first, last = paths.t, paths.t[paths.offsets[:-1]], paths.t[paths.last]
+    start = first + 0.5 * (1.0 - 1e-12) * (last - first) if late else first
+    inside = t >= start[paths.run]
+    largest = _most(np.where(inside, np.abs(error), 0.0), paths)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        squares = np.where(inside, error / np.where(largest > 0, largest, 1.0)[:, paths.run], 0.0) ** 2
+    width = np.diff(t, append=np.nan)
+    width[paths.last], width[~inside] = 0.0, 0.0
+    follows = np.roll(squares, -1, axis=1)
+    sums = np.add.reduceat(width * (squares + follows), paths.offsets[:-1], axis=1)
+    # From the first point that counts, which is not before `start`.
+    length = np.add.reduceat(width, paths.offsets[:-1])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        means = largest * np.sqrt(sums / (2 * length))
+    return _named(states, np.where(length > 0, means, np.abs(error[:, paths.last])))
+
+
+def _named(states: Sequence[str], values: Array) -> list[dict[str, float]]:
+    """Of each run the values (n, R) by state that floats hold: JSON has no infinity."""
+    rows = values.T.tolist()
+    return [{name: one for name, one in zip(states, row, strict=True) if one - one == 0.0} for row in rows]
 
 
 def _size(vector: Array) -> float:

@@ -15,8 +15,8 @@ from cdobs_cli.simulate.dormand_prince import interpolate
 
 Trigger = Callable[[Array, Array, Array], Array]
 _LOOKS = (0.25, 0.5, 0.75, 1.0)  # where a step is looked at for a crossing
-_FINE = 1e-8  # of a step, on the interpolant; `polished` then works on the flow itself
-_ITERATIONS = 150
+FINE = 1e-8  # of a step, on the interpolant; `polished` then works on the flow itself
+ITERATIONS = 150
 
 
 @dataclass(frozen=True)
@@ -61,13 +61,13 @@ class Along:
             return high
         root, least, done, last_up = high.copy(), np.abs(above), ~crosses, np.full(runs, -1)
         a, b, f_a, f_b = low, high.copy(), below.copy(), above.copy()
-        for iteration in range(_ITERATIONS):
+        for iteration in range(ITERATIONS):
             guess = b - f_b * (b - a) / (f_b - f_a)
             # A bisection now and then keeps the bracket shrinking whatever the trigger's shape.
             guess = np.where((guess > a) & (guess < b) & (iteration % 5 != 4), guess, (a + b) / 2)
             f = self.value(np.where(done, 1.0, guess))
             better = ~done & (np.abs(f) <= least)
-            done = done | (b - a <= _FINE) | (f == 0) | (better & (np.abs(guess - root) <= _FINE))
+            done = done | (b - a <= FINE) | (f == 0) | (better & (np.abs(guess - root) <= FINE))
             root, least = np.where(better, guess, root), np.where(better, np.abs(f), least)
             if done.all():
                 break

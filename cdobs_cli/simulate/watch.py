@@ -24,6 +24,12 @@ class Watch:
         self.departures = Departures(Limits(loop.system), runs)
         self.margin, self.stop_t, self.limit = np.full(runs, np.inf), np.full(runs, np.inf), np.full(runs, np.inf)
         self.stopped: list[str | None] = [None] * runs
+        leaves = "the input {} that the controller sets left its declared range"
+        self.reasons = (
+            "the error grew beyond 1e6 (1 + |e0|)",
+            *(sentence for _, sentence in loop.observer.stops),
+            *(leaves.format(one.name) for one in loop.signals.held_ranges),
+        )
         self.stop_y, self.stop_held = np.zeros((loop.size, runs)), np.zeros((len(loop.held), runs))
 
     def begin(self, t: Array, y: Array, held: Array) -> None:
@@ -43,18 +49,16 @@ class Watch:
         finite = np.isfinite(y).all(axis=0)
         error = distance(seen)
         near = finite if error is None else finite & (error <= self.limit[runs])
-        reasons: list[tuple[Booleans, str]] = [(np.logical_not(near), "the error grew beyond 1e6 (1 + |e0|)")]
         # A condition that cannot be evaluated is not met.
-        stops = zip(seen.stops, self.loop.observer.stops, strict=True)
-        reasons += [(~(row > 0), sentence) for row, (_, sentence) in stops]
-        for one in self.loop.signals.held_ranges:
-            sentence = f"the input {one.name} that the controller sets left its declared range"
-            reasons.append((~one.holds(seen.signals[one.name]), sentence))
-        for number, (bad, sentence) in enumerate(reasons):
-            for point in np.flatnonzero(bad) if bad.any() else ():
+        bad = [np.logical_not(near), *(~(row > 0) for row in seen.stops)]
+        bad += [~one.holds(seen.signals[one.name]) for one in self.loop.signals.held_ranges]
+        for number, points in enumerate(bad):
+            for point in np.flatnonzero(points) if points.any() else ():
                 run = int(runs[point])
                 if t[point] < self.stop_t[run]:
-                    self.halt(run, float(t[point]), y[:, point], held[:, point], sentence, diverged=number == 0)
+                    self.halt(
+                        run, float(t[point]), y[:, point], held[:, point], self.reasons[number], diverged=number == 0
+                    )
         going = finite & (t <= self.stop_t[runs])
         x_hat = seen.estimates.get("x_hat")
         self.departures.look(runs[going], t[going], seen.x[:, going], None if x_hat is None else x_hat[:, going])
