@@ -16,7 +16,8 @@ from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.run import Run, SimulationPlan
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.disturbance import Disturbance, longest_sub_step
-from cdobs_cli.simulate.integrator import End, ManyRuns, OneRun, Progress
+from cdobs_cli.simulate.flow import Flow
+from cdobs_cli.simulate.integrator import End, Progress
 from cdobs_cli.simulate.loop import ClosedLoop
 from cdobs_cli.simulate.record import Grid, Record
 from cdobs_cli.simulate.sampling import Timetable
@@ -77,8 +78,7 @@ class _Simulation:
         chooses = system.observer.trigger is not None
         self.timetable = None if chooses else Timetable(law, plan, self.draws, self.max_samples)
         self.max_steps = min(max_steps, MAX_STEPS, max(1000, MAX_STEPS_TOGETHER // self.runs))
-        kind = OneRun if self.runs == 1 else ManyRuns
-        self.integrator = kind(self.loop, self.horizon, self.max_steps)
+        self.integrator = Flow(self.loop, self.horizon, self.max_steps, self.runs)
         self.watch = Watch(self.loop, self.runs)
         self.record = Record(Grid(self.horizon, self.loop.size, len(self.loop.held), self.runs))
         self.next = np.full(self.runs, self.horizon)
@@ -172,8 +172,8 @@ class _Simulation:
         """Turn an integrator that cannot go on into a sentence."""
         if codes.max() < End.SINGULAR:
             return
-        many = f"more than {self.max_steps} integration steps: the flow is too fast for this horizon"
-        self._halt(runs[codes == End.EXHAUSTED], many)
+        for run in runs[codes == End.EXHAUSTED]:
+            self._halt(np.array([run]), self.integrator.exhausted(int(run), self.progress))
         for run in runs[codes == End.SINGULAR]:
             largest = float(np.max(np.abs(self.progress.y[:, run])))
             first = self.record.sides.entries[0][4][: self.loop.size, run]
