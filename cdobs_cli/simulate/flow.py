@@ -50,5 +50,5 @@ class Flow:
         rates = f"rates up to {rate:.3g} per time unit over a horizon of {self.horizon:.6g}"
         if not stiff and not progress.h[run] * rate > _AT_THE_END:
             return f"{what}, with {rates}; a shorter horizon can be simulated"
-        alone = ", simulate one run" if self.runs > 1 else ""
-        return f"{what}, and stiff, with {rates}; eliminate the fast state{alone} or shorten the horizon"
+        fewer = ", simulate fewer runs" if self.runs > 1 else ""
+        return f"{what}, and stiff, with {rates}; eliminate the fast state{fewer} or shorten the horizon"

@@ -49,9 +49,11 @@ class ImplicitRun:
         floor = progress.floor(runs)[:, 0]
         # The state just after a jump has not been looked at yet.
         code = End.HALTED if watch(runs, t, y, held)[run] else End.REACHED
+        if code == End.HALTED or not t[0] < end:
+            return code
         solver = self._solver(float(t[0]), y[:, 0], held[:, 0], floor, end)
         if solver is None:
-            return code if code == End.HALTED else End.SINGULAR
+            return End.SINGULAR
         while code == End.REACHED and solver.status == "running":
             if progress.steps[run] >= self.max_steps:
                 return End.EXHAUSTED
@@ -97,7 +99,9 @@ class ImplicitRun:
     def _part(self, step: Along, floor: Array, s: Array) -> Array:
         """The state a time s (1,) after the start of a step, from steps of its own; by dense output if they fail."""
         start, y = float(step.t[0]), step.y[:, 0]
-        solver = self._solver(start, y, step.held[:, 0], floor, start + float(s[0]), float(s[0]))
+        end = start + float(s[0])
+        # A root within rounding of the start leaves no length for a step.
+        solver = self._solver(start, y, step.held[:, 0], floor, end, float(s[0])) if end > start else None
         while solver is not None and solver.status == "running" and _stepped(solver):
             pass
         if solver is None or solver.status != "finished":

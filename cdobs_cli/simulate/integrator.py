@@ -16,7 +16,7 @@ import numpy as np
 from cdobs_cli.arrays import Array, Integers
 from cdobs_cli.simulate import dormand_prince as method
 from cdobs_cli.simulate.loop import ClosedLoop
-from cdobs_cli.simulate.stiffness import LOOK, Stiffness, worth_a_look
+from cdobs_cli.simulate.stiffness import LOOK, Stiffness
 from cdobs_cli.simulate.trigger import Along
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ class OneRun:
         self._flow = loop.scalar_flow()
         self._step = method.scalar_step(self._flow, loop.size)
         self._interpolant = method.scalar_dense_output(self._flow, loop.size)
-        self._stiffness = Stiffness(1)
+        self._stiffness = Stiffness(1, max_steps)
 
     def advance(self, runs: Integers, progress: Progress, ends: Array, grid: Grid, watch: Watch) -> Integers:
         """Flow the run to its end; returns the End code, shape (1,)."""
@@ -116,7 +116,7 @@ class OneRun:
                 continue
             suggested = max(h, tried * method.next_step(error)) if tried < h else tried * method.next_step(error)
             until = end if tried == left else t + tried
-            looked = steps % LOOK == 0 and worth_a_look(left, self.horizon - t, tried, self.max_steps)
+            looked = steps % LOOK == 0 and self._stiffness.worth_a_look(left, self.horizon - t, tried)
             stiff = looked and self._stiff(runs, tried, y, new, slopes, floor)
             if triggered or grid.next_time(0) <= until:
                 coefficients = self._dense(t, tried, y, new, slopes, held)
@@ -182,7 +182,7 @@ class ManyRuns:
     def __init__(self, loop: ClosedLoop, horizon: float, max_steps: int, runs: int) -> None:
         self.loop, self.horizon, self.max_steps = loop, horizon, max_steps
         self._slope = loop.array_flow()
-        self._stiffness = Stiffness(runs)
+        self._stiffness = Stiffness(runs, max_steps)
 
     def advance(self, runs: Integers, progress: Progress, ends: Array, grid: Grid, watch: Watch) -> Integers:
         """Flow the given runs to their ends (len(runs),); returns an End code for each."""
@@ -229,7 +229,7 @@ class ManyRuns:
                         codes[live[at]], done[at] = End.TRIGGERED, True
                 grid.fill(ids[w], until[w], t[w], tried[w], coefficients, y[:, w], held[:, w])
             worth = good & (progress.steps[ids] % LOOK == 0) & ~done
-            looked = np.flatnonzero(worth & worth_a_look(left, self.horizon - t, tried, self.max_steps))
+            looked = np.flatnonzero(worth & self._stiffness.worth_a_look(left, self.horizon - t, tried))
             if looked.size:
                 along_step = tried[looked], y[:, looked], new[:, looked], slopes[:, :, looked], floor[:, live[looked]]
                 stiff = looked[self._stiffness.found(ids[looked], *along_step)]

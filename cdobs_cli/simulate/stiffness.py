@@ -18,25 +18,28 @@ from cdobs_cli.arrays import Array, Booleans, Integers
 from cdobs_cli.simulate.dormand_prince import A
 
 LOOK = 16  # steps between two looks
-# Steps left to the next sample, where the horizon can be reached and where it cannot: an implicit flow takes about ten,
-# each of the time of fifteen.
+# Steps left to the next sample, for each run where the horizon can be reached (implicit runs go one after the other,
+# explicit ones all at once), and where it cannot: an implicit flow takes about a hundred, each of the time of fifteen.
 _LONG, _SHORT = 1000, 20
+MAX_RUNS = 200  # of more, each could take too few implicit steps to get further than explicitly
 _AT_THE_END = 4.0  # of the region of stability: a step that was just cut is somewhat inside
 _MANY, _FEW = 15, 6  # looks that decide, and looks in a row that start the count anew
 _LAST = np.array(A[11])
 
 
-def worth_a_look(left: Any, rest: Any, h: Any, most: int) -> Any:
-    """Could an implicit method save anything, at steps h, with `left` to the next sample, `rest` to the horizon and at
-    most so many steps (floats or arrays)?"""
-    return (left > _LONG * h) | ((left > _SHORT * h) & (rest > most * h))
-
-
 class Stiffness:
     """What was seen of each run so far: looks at a step that stability chose, and looks since at another."""
 
-    def __init__(self, runs: int) -> None:
+    def __init__(self, runs: int, most: int) -> None:
+        """most: steps that a run may take."""
+        self.runs, self.most = runs, most
         self.bound, self.free = np.zeros(runs, dtype=np.int64), np.zeros(runs, dtype=np.int64)
+
+    def worth_a_look(self, left: Any, rest: Any, h: Any) -> Any:
+        """Could an implicit method save anything, at steps h, with `left` to the next sample and `rest` to the horizon
+        (floats or arrays)?"""
+        saves = (left > _LONG * self.runs * h) | ((left > _SHORT * h) & (rest > self.most * h))
+        return saves & (self.runs <= MAX_RUNS)
 
     def found(self, runs: Integers, h: Array, y: Array, new: Array, slopes: Array, floor: Array) -> Booleans:
         """Which of the runs are stiff, after steps h (R',) from y to new (n, R') with slopes (13, n, R'); states are

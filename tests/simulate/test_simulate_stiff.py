@@ -14,7 +14,7 @@ from cdobs_cli.simulate.engine import simulate
 from cdobs_cli.simulate.implicit import ImplicitRun, Jacobian
 from cdobs_cli.simulate.loop import ClosedLoop
 from cdobs_cli.simulate.signals import Signals
-from cdobs_cli.simulate.stiffness import ratio
+from cdobs_cli.simulate.stiffness import Stiffness, ratio
 
 
 def two_rates(fast, period="1", phi=("0", "0")):
@@ -80,7 +80,7 @@ def test_a_flow_that_accuracy_bounds_is_never_switched(monkeypatch, implicit_flo
     told = plan(horizon, start, [0] * len(start), runs=runs)
     run = simulate(system, told, system.plant.sampling)
     assert not implicit_flows
-    monkeypatch.setattr("cdobs_cli.simulate.integrator.worth_a_look", lambda left, *_: left < 0)
+    monkeypatch.setattr(Stiffness, "worth_a_look", lambda _, left, *further: left < 0)
     unwatched = simulate(system, told, system.plant.sampling)
     assert run.steps == unwatched.steps
     for one, other in zip(run.trajectories, unwatched.trajectories, strict=True):
@@ -142,7 +142,7 @@ def test_an_undefined_flow_ends_a_stiff_run(implicit_flows, runs):
     assert run.trajectories[0].x[-1, 0] == pytest.approx(0.5, abs=1e-6)
 
 
-@pytest.mark.parametrize(("runs", "advice"), [(1, "state or shorten"), (3, "state, simulate one run or shorten")])
+@pytest.mark.parametrize(("runs", "advice"), [(1, "state or shorten"), (3, "state, simulate fewer runs or shorten")])
 def test_too_many_implicit_steps_are_a_finding_with_advice(runs, advice):
     system = two_rates("1e5")
     run = simulate(system, plan("20", [1, 0], [0, 0], runs=runs), system.plant.sampling, max_steps=400)
@@ -164,6 +164,44 @@ def test_many_stiff_runs_share_their_steps(monkeypatch):
     system = two_rates("1e5")
     run = simulate(system, plan("20", [1, 0], [0, 0], runs=3), system.plant.sampling)
     assert all("400 integration steps" in summary.stopped for summary in run.summaries)
+
+
+def test_runs_that_reach_the_horizon_together_are_not_taken_one_by_one(implicit_flows, monkeypatch):
+    """About 1600 explicit steps: quicker for many at once, and more than implicit ones may be for a thousand runs."""
+    system = two_rates("1e4")
+    starts = box([0, 0], [1, 1])
+    for runs in (2, 300):
+        monkeypatch.setattr("cdobs_cli.simulate.engine.MAX_STEPS_TOGETHER", 2000 * runs)
+        told = plan("1", None, [0, 0], initial_box=starts, runs=runs)
+        run = simulate(system, told, system.plant.sampling)
+        assert not implicit_flows
+        assert run.overall.stopped is None
+
+
+def test_more_runs_than_can_go_one_by_one_are_told_to_be_stiff(implicit_flows, monkeypatch):
+    monkeypatch.setattr("cdobs_cli.simulate.stiffness.MAX_RUNS", 2)
+    system = two_rates("1e5")
+    run = simulate(system, plan("1", [1, 0], [0, 0], runs=3), system.plant.sampling, max_steps=1000)
+    assert not implicit_flows
+    assert "1000 integration steps" in run.summaries[0].stopped
+    assert "and stiff, with rates up to 1e+05" in run.summaries[0].stopped
+    assert "simulate fewer runs" in run.summaries[0].stopped
+
+
+def test_a_root_within_rounding_of_its_sample_is_no_crash(implicit_flows):
+    """L is 1, then 1e-16: the second sample stands where the first does."""
+    law = SamplingLaw("updated")
+    model = plant(("a", "b"), [["-1", 0], ["1e6", "-1e6"]], C=[[1, 0]], law=law)
+    names = ["hat.a", "L", "y.0", "elapsed"]
+    observer = Observer(
+        ("hat.a", "L"), (Variable("initial.a"), read("1", names)), (read("-hat__a", names), read("0", names)),
+        (Variable("y.0"), read("1e-16", names)), {"x_hat": (Variable("hat.a"), Variable("hat.a"))},
+        jump_at_start=False, trigger=read("elapsed - L", names),
+    )  # fmt: skip
+    run = simulate(HybridSystem(model, observer), plan("2", [1, 0], [0, 0]), law)
+    assert implicit_flows
+    assert "sampling instants accumulate" in run.overall.stopped
+    assert run.trajectories[0].t_k[1] == pytest.approx(1, abs=1e-9)
 
 
 def test_the_ratio_of_a_linear_flow_is_its_rate():
