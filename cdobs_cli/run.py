@@ -137,7 +137,8 @@ class Filtered:
 
 @dataclass(frozen=True)
 class Run:
-    """All runs of one simulation; steps: of the integration, of the run that took most (not stored)."""
+    """All runs of one simulation; steps: of the integration, of the run that took most (not stored); implicit: how many
+    runs were found stiff, and went on with an implicit method."""
 
     trajectories: tuple[Trajectory, ...]
     summaries: tuple[RunSummary, ...]
@@ -146,10 +147,12 @@ class Run:
     comparison: Comparison | None = None
     filtered: Filtered | None = None
     steps: int = 0
+    implicit: int = 0
 
     def document(self) -> dict[str, Any]:
-        compared = {} if self.comparison is None else {"comparison": self.comparison.document()}
+        further: dict[str, Any] = {} if self.comparison is None else {"comparison": self.comparison.document()}
+        further |= {"implicit": self.implicit} if self.implicit else {}
         return {
             "schema_version": 1, "runs": [summary.document() for summary in self.summaries],
-            "overall": self.overall.document(), **compared, "digests": dict(self.digests),
+            "overall": self.overall.document(), **further, "digests": dict(self.digests),
         }  # fmt: skip

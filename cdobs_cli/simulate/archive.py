@@ -122,7 +122,10 @@ def _run(stored: Mapping[str, NDArray[Any]], document: Mapping[str, Any]) -> Run
         raise ValueError("the numbers of runs differ")
     overall, digests = read(RunSummary, document["overall"]), read(dict[str, str], document["digests"])
     comparison = read(Comparison, document["comparison"]) if "comparison" in document else None
-    return Run(tuple(trajectories), summaries, overall, digests, comparison, _filtered(stored))
+    implicit = read(int, document.get("implicit", 0))
+    if not 0 <= implicit <= len(summaries):
+        raise ValueError("more implicit runs than there are runs")
+    return Run(tuple(trajectories), summaries, overall, digests, comparison, _filtered(stored), implicit=implicit)
 
 
 def _filtered(stored: Mapping[str, NDArray[Any]]) -> Filtered | None:

@@ -104,7 +104,7 @@ class _Simulation:
         final_y = np.where(watch.halted, watch.stop_y, progress.y)
         final_held = np.where(watch.halted, watch.stop_held, progress.held)
         made = summarise(self.loop, watch, self.record, final_t, final_y, final_held)
-        return replace(made, steps=int(progress.steps.max()))
+        return replace(made, steps=int(progress.steps.max()), implicit=int(self.integrator.stiff.sum()))
 
     def _flow(self, runs: Integers) -> Integers:
         """Flow the given runs to their next sample, or the horizon; a white disturbance is drawn anew on the way.

@@ -51,6 +51,7 @@ def test_two_rates_agree_with_the_exact_solution(implicit_flows, fast, runs):
         assert error == pytest.approx(-np.exp(-5) / 2 ** len(trajectory.t_k), rel=1e-6)
     assert run.overall.stopped is None
     assert run.steps < 2000
+    assert run.implicit == run.document()["implicit"] == runs
 
 
 def test_van_der_pol_keeps_its_period(implicit_flows):
@@ -80,6 +81,7 @@ def test_a_flow_that_accuracy_bounds_is_never_switched(monkeypatch, implicit_flo
     told = plan(horizon, start, [0] * len(start), runs=runs)
     run = simulate(system, told, system.plant.sampling)
     assert not implicit_flows
+    assert "implicit" not in run.document()
     monkeypatch.setattr(Stiffness, "worth_a_look", lambda _, left, *further: left < 0)
     unwatched = simulate(system, told, system.plant.sampling)
     assert run.steps == unwatched.steps
@@ -116,6 +118,7 @@ def test_what_runs_see_does_not_depend_on_the_others(implicit_flows):
     stiff = [run for run, trajectory in enumerate(many.trajectories) if trajectory.x[0, 0] > 0.5]
     assert 0 < len(stiff) < 6
     assert set(implicit_flows) == set(stiff)
+    assert many.implicit == len(stiff)
     for trajectory in many.trajectories:
         start = [repr(float(value)) for value in trajectory.x[0]]
         alone = simulate(system, plan("2", start, [0, 0]), system.plant.sampling).trajectories[0]
