@@ -1,5 +1,6 @@
 # `make demo`: install into .venv and run the shipped specs to reports and figures.
 # `make test`: style, types, import contracts, tests.
+# `make bench`: a table of what commands and methods take. `make growth`: a figure of how it grows.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -11,7 +12,7 @@ export OMP_NUM_THREADS := 1
 export RAYON_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test lint bench lowest clean
+.PHONY: demo test lint bench growth lowest clean
 
 demo: $(VENV)/installed
 	$(BIN)/cdobs run specs --out results --jobs $(JOBS)
@@ -27,7 +28,11 @@ lint: $(VENV)/installed-dev
 	$(BIN)/lint-imports --no-cache
 
 bench: $(VENV)/installed-dev
-	for script in tests/benchmarks/bench_*.py; do echo "== $$script"; $(BIN)/python $$script || exit 1; done
+	$(BIN)/python tests/benchmarks/table.py
+
+# How CPU and memory grow with states, corners and runs: build/growth.csv and build/growth.svg.
+growth: $(VENV)/installed-dev
+	$(BIN)/python tests/benchmarks/growth.py
 
 # The lowest versions that pyproject.toml allows.
 lowest:

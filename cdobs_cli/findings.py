@@ -50,6 +50,7 @@ def find(spec: Spec, documents: Documents, stages: frozenset[str]) -> list[Messa
         messages += _without_design(spec, documents["design"], named)
     if "simulate" in stages:
         messages += _of_simulation(spec, documents["simulation"], named)
+        messages += _stiff(spec, documents["simulation"])
         messages += _beyond_bounds(spec, documents["simulation"], documents["check"], named)
     return [*messages, *_cut(spec, documents["design"]), *_left_out(spec, documents, stages)]
 
@@ -136,6 +137,15 @@ def _of_simulation(spec: Spec, simulation: dict[str, Any] | None, named: set[str
     for quantity, (is_set, text) in flags.items():
         if is_set and not any(name.startswith("simulation.") and name.endswith(f".{quantity}") for name in named):
             yield _message(spec, text, ("simulation",), f"simulation.{quantity}")
+
+
+def _stiff(spec: Spec, simulation: dict[str, Any] | None) -> Iterator[Message]:
+    """A remark on runs that were not integrated with the usual method."""
+    if simulation is not None and simulation.get("implicit"):
+        from cdobs_cli.report.numbers import implicit_sentence
+
+        text = implicit_sentence(simulation["implicit"], len(simulation["runs"]))
+        yield replace(_message(spec, text, ("simulation",), "simulation.implicit"), severity="note")
 
 
 def _beyond_bounds(

@@ -164,7 +164,8 @@ class Bands:
 
 @dataclass(frozen=True)
 class Run:
-    """All runs of one simulation; steps: of the integration, of the run that took most (not stored).
+    """All runs of one simulation; steps: of the integration, of the run that took most (not stored); implicit: how many
+    runs were found stiff, and went on with an implicit method.
 
     ensemble: of many runs, whose trajectories are kept and what all of them came to; None where all are kept.
     """
@@ -176,6 +177,7 @@ class Run:
     comparison: Comparison | None = None
     filtered: Filtered | None = None
     steps: int = 0
+    implicit: int = 0
     ensemble: Ensemble | None = None
     bands: Bands | None = None
 
@@ -185,9 +187,10 @@ class Run:
         return tuple(range(len(self.summaries))) if self.ensemble is None else self.ensemble.shown
 
     def document(self) -> dict[str, Any]:
-        compared = {} if self.comparison is None else {"comparison": self.comparison.document()}
-        many = {} if self.ensemble is None else {"ensemble": self.ensemble.document()}
+        further: dict[str, Any] = {} if self.comparison is None else {"comparison": self.comparison.document()}
+        further |= {"implicit": self.implicit} if self.implicit else {}
+        further |= {} if self.ensemble is None else {"ensemble": self.ensemble.document()}
         return {
             "schema_version": 1, "runs": [summary.document() for summary in self.summaries],
-            "overall": self.overall.document(), **compared, **many, "digests": dict(self.digests),
+            "overall": self.overall.document(), **further, "digests": dict(self.digests),
         }  # fmt: skip

@@ -39,6 +39,28 @@ def told(folder: Path, *stages: str) -> Result:
     return run(Job(Path("p.yaml"), Path("results/p")), stages, Settings())
 
 
+STIFF = """spec_version: 1
+plant:
+  states: [a, b]
+  A: [[-1, 0], [1e5, -1e5]]
+  phi: ["0", "0"]
+  lipschitz: auto
+measurement: {C: [[1, 0]], sampling: {period: 1}}
+observer: {family: reachability, gain: {K: [["1/2"], [0]]}}
+simulation: {horizon: 3, initial_state: [1, 0], initial_estimate: [0, 0]}
+"""
+
+
+def test_a_stiff_run_is_remarked_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "p.yaml").write_text(STIFF)
+    result = told(tmp_path, "simulate")
+    note = "the run is stiff and was integrated with an implicit method (Radau)"
+    assert [(message.severity, message.text) for message in result.messages] == [("note", note)]
+    assert result.status == "ok"
+    assert [message.text for message in told(tmp_path, "simulate").messages] == [note]
+
+
 @pytest.mark.parametrize(
     ("stages", "expected", "remarks"),
     [

@@ -84,6 +84,13 @@ def departure_sentence(departure: Departure, labels: Labels) -> str:
     return f"{departure.what} leaves the domain at t = {time} {labels.time}: {where}"
 
 
+def implicit_sentence(implicit: int, runs: int) -> str:
+    """`2 of 10 runs are stiff and were integrated with an implicit method (Radau)`."""
+    which = "the run is" if runs == 1 else f"{implicit} of {runs} runs {'is' if implicit == 1 else 'are'}"
+    were = "was" if implicit == 1 else "were"
+    return f"{which} stiff and {were} integrated with an implicit method (Radau)"
+
+
 def float_or_none(text: str | None) -> float | None:
     """The number of a decimal string (inf allowed); None for what is no number."""
     value = _decimal(text)

@@ -33,6 +33,7 @@ from cdobs_cli.report.numbers import (
     departure_sentence,
     end_text,
     ends_text,
+    implicit_sentence,
     margin_text,
     number_text,
 )
@@ -323,6 +324,9 @@ def _simulation(report: Report) -> Section:
     blocks: list[Block] = [*_signals(report), Grid(columns, tuple(rows), "", caption)]
     if overall.departure is not None:
         blocks.append(Paragraph(f"{departure_sentence(overall.departure, report.labels)}."))
+    if report.run.implicit:
+        told = implicit_sentence(report.run.implicit, len(runs))
+        blocks.append(Paragraph(f"{told[0].upper()}{told[1:]}."))
     blocks += accuracy(report)
     blocks += [Picture(chart) for chart in report.charts if chart.name in _SIMULATION_CHARTS]
     return Section("Simulation", tuple(blocks))

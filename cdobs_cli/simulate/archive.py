@@ -133,9 +133,12 @@ def _run(stored: Mapping[str, NDArray[Any]], document: Mapping[str, Any]) -> Run
         raise ValueError("what is said of all runs is not what each is")
     overall, digests = read(RunSummary, document["overall"]), read(dict[str, str], document["digests"])
     comparison = read(Comparison, document["comparison"]) if "comparison" in document else None
+    implicit = read(int, document.get("implicit", 0))
+    if not 0 <= implicit <= len(summaries):
+        raise ValueError("more implicit runs than there are runs")
     return Run(
-        tuple(trajectories), summaries, overall, digests, comparison, _filtered(stored), ensemble=many,
-        bands=_bands(stored),
+        tuple(trajectories), summaries, overall, digests, comparison, _filtered(stored), implicit=implicit,
+        ensemble=many, bands=_bands(stored),
     )  # fmt: skip
 
 

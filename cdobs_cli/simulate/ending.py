@@ -19,9 +19,9 @@ class Ending(IntEnum):
 
 
 GROWN = "the states grow without bound in finite time"
+# That of STEPS says how fast the flow is.
 SENTENCES = {
     Ending.NO_STEP: "the equations are undefined or singular beyond this point",
-    Ending.STEPS: "more than {max_steps} integration steps: the flow is too fast for this horizon",
     Ending.SAMPLES: "more than {max_samples} measurements before the horizon",
     Ending.CROWDED: "sampling instants accumulate: the observer asks for samples faster than time can be resolved",
     Ending.UNREADY: "the trigger is not below 0 just after a sample, so that no next sample is defined",

@@ -18,7 +18,8 @@ from cdobs_cli.run import Run, RunSummary, SimulationPlan, Trajectory
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.disturbance import Disturbance, longest_sub_step
 from cdobs_cli.simulate.ending import GROWN, SENTENCES, Ending
-from cdobs_cli.simulate.integrator import End, ManyRuns, OneRun, Progress
+from cdobs_cli.simulate.flow import Flow
+from cdobs_cli.simulate.integrator import End, Progress
 from cdobs_cli.simulate.loop import ClosedLoop
 from cdobs_cli.simulate.record import Grid, Log, Paths, Record, Samples, Sides, grid_times, paths, sides_of_one
 from cdobs_cli.simulate.sampling import Timetable
@@ -56,7 +57,8 @@ def simulate(
     """
     batch = simulate_batch(system, plan, law, first=first, max_steps=max_steps)
     runs = tuple(batch.trajectory(run) for run in range(plan.runs))
-    return Run(runs, tuple(batch.summaries), overall(batch.summaries), steps=batch.steps)
+    together = overall(batch.summaries)
+    return Run(runs, tuple(batch.summaries), together, steps=batch.steps, implicit=batch.implicit)
 
 
 def simulate_batch(
@@ -85,7 +87,7 @@ def simulate_batch(
 @dataclass(frozen=True)
 class Batch:
     """Runs that were made together: their figures, and what there is to be shown of them; steps: of the one that took
-    most."""
+    most; implicit: how many were stiff."""
 
     loop: ClosedLoop
     watch: Watch
@@ -95,6 +97,7 @@ class Batch:
     error: Array | None
     grid: Array
     steps: int
+    implicit: int
 
     def trajectory(self, run: int) -> Trajectory:
         return trajectory(self.loop, self.watch, self.paths, self.samples, run)
@@ -119,8 +122,7 @@ class _Simulation:
         chooses = system.observer.trigger is not None
         self.timetable = None if chooses else Timetable(law, plan, self.draws, self.max_samples)
         self.max_steps = min(max_steps, MAX_STEPS, max(1000, MAX_STEPS_TOGETHER // together))
-        kind = OneRun if together == 1 else ManyRuns
-        self.integrator = kind(self.loop, self.horizon, self.max_steps)
+        self.integrator = Flow(self.loop, self.horizon, self.max_steps, self.runs, together)
         self.watch = Watch(self.loop, self.runs)
         width = self.loop.size + len(self.loop.held)
         self.grid = grid_times(self.horizon, width, together)
@@ -197,7 +199,8 @@ class _Simulation:
         final_z = np.concatenate([final_y, np.where(watch.halted, watch.stop_held, progress.held)])
         kept = paths(log, samples, self.record.sides.most, float(self.grid[1]), size, final_t, final_z)
         summaries, error = summarise(self.loop, watch, kept, samples)
-        return Batch(self.loop, watch, kept, samples, summaries, error, self.grid, int(progress.steps.max()))
+        implicit = int(self.integrator.stiff.sum())
+        return Batch(self.loop, watch, kept, samples, summaries, error, self.grid, int(progress.steps.max()), implicit)
 
     def _flow(self, runs: Integers) -> Integers:
         """Flow the given runs to their next sample, or the horizon; a white disturbance is drawn anew on the way.
@@ -272,8 +275,8 @@ class _Simulation:
         t, y, held = self.progress.t, self.progress.y, self.progress.held
         for run in map(int, runs):
             grown = ending is Ending.NO_STEP and self._has_grown(run)
-            sentence = GROWN if grown else SENTENCES[ending]
-            sentence = sentence.format(max_samples=self.max_samples, max_steps=self.max_steps)
+            sentence = GROWN if grown else SENTENCES.get(ending) or self.integrator.exhausted(run, self.progress)
+            sentence = sentence.format(max_samples=self.max_samples)
             self.watch.halt(run, float(t[run]), y[:, run], held[:, run], sentence, diverged=grown)
 
     def _has_grown(self, run: int) -> bool:

@@ -27,12 +27,15 @@ from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.compiled import Compiled
 from cdobs_cli.simulate.engine import Batch, simulate, simulate_batch
 from cdobs_cli.simulate.record import SHOWN
+from cdobs_cli.simulate.stiffness import MAX_RUNS
 from cdobs_cli.simulate.summary import overall
 from cdobs_cli.store import digest, write_atomically
 
+Made = tuple[list[RunSummary], int, int]  # figures, the most steps of a run, stiff runs
 LEVELS = (5.0, 25.0, 50.0, 75.0, 95.0, 100.0)  # percent
 DRAWN = 20  # of many runs, from the first on; the worst is drawn too
 RUNS = 500  # of a batch
+COMPILED_FROM = MAX_RUNS  # runs; of fewer, those that are stiff go on implicitly, which arrays know
 _AT_ONCE = 4_000_000  # numbers of all runs that percentiles are taken of in one go
 _CHECKED_RUNS, _AGREES = 4, 1e-6
 
@@ -64,15 +67,16 @@ def ensemble(
         return simulate(system, plan, law)
     if not parts.resumes:
         shutil.rmtree(parts.folder, ignore_errors=True)
-    made = _Ensemble(system, plan, law, parts, _compiled(system, plan, law))
+    compiled = _compiled(system, plan, law) if plan.runs > COMPILED_FROM else None
+    made = _Ensemble(system, plan, law, parts, compiled)
     starts = _starts(plan.runs, runs_of_a_batch)
     summaries: list[RunSummary] = []
-    steps = 0
-    for done, (own, most) in made.batches(starts):
+    steps = implicit = 0
+    for done, (own, most, stiff) in made.batches(starts):
         summaries += own
-        steps = max(steps, most)
+        steps, implicit = max(steps, most), implicit + stiff
         progress.doing(f"run {done} of {plan.runs}")
-    run = made.run(starts, summaries, steps)
+    run = made.run(starts, summaries, steps, implicit)
     shutil.rmtree(parts.folder, ignore_errors=True)
     return run
 
@@ -99,10 +103,10 @@ class _Ensemble:
         plan = replace(self.plan, runs=count)
         return simulate_batch(self.system, plan, self.law, first=first, together=self.plan.runs, compiled=self.compiled)
 
-    def batches(self, starts: Sequence[tuple[int, int]]) -> Iterator[tuple[int, tuple[list[RunSummary], int]]]:
-        """In order: how many runs are done, and the batch's figures and steps."""
+    def batches(self, starts: Sequence[tuple[int, int]]) -> Iterator[tuple[int, Made]]:
+        """In order: how many runs are done, and what the batch came to."""
         with ThreadPoolExecutor(max(1, self.parts.workers)) as pool:
-            waiting: deque[tuple[int, Future[tuple[list[RunSummary], int]]]] = deque()
+            waiting: deque[tuple[int, Future[Made]]] = deque()
             for first, count in starts:
                 waiting.append((first + count, pool.submit(self._part, first, count)))
                 if len(waiting) > self.parts.workers:
@@ -111,7 +115,7 @@ class _Ensemble:
             for done, future in waiting:
                 yield done, future.result()
 
-    def _part(self, first: int, count: int) -> tuple[list[RunSummary], int]:
+    def _part(self, first: int, count: int) -> Made:
         """A batch as it stands, or a new one, written."""
         if self.parts.resumes and (stored := self._stored(first, count)) is not None:
             return stored
@@ -120,6 +124,7 @@ class _Ensemble:
         document = {
             "from": {**self.parts.key, "first": first, "count": count},
             "summaries": [one.document() for one in batch.summaries], "steps": batch.steps,
+            "implicit": batch.implicit,
         }  # fmt: skip
         if errors is not None:
             self.parts.folder.mkdir(parents=True, exist_ok=True)
@@ -127,12 +132,12 @@ class _Ensemble:
         # The document last: a part counts as there when it is.
         content = {**document, "sha256": digest(document)}
         write_atomically(self._path(first, "json"), json.dumps(content).encode())
-        return batch.summaries, batch.steps
+        return batch.summaries, batch.steps, batch.implicit
 
     def _path(self, first: int, suffix: str) -> Path:
         return self.parts.folder / f"{first:06}.{suffix}"
 
-    def _stored(self, first: int, count: int) -> tuple[list[RunSummary], int] | None:
+    def _stored(self, first: int, count: int) -> Made | None:
         """None where there is none of this key, or it is damaged."""
         try:
             document = json.loads(self._path(first, "json").read_text(encoding="ascii"))
@@ -142,11 +147,15 @@ class _Ensemble:
             errors = self._path(first, "npy")
             if errors.exists() and np.load(errors, mmap_mode="r").shape[0] != count:
                 return None
-            return list(read(tuple[RunSummary, ...], document["summaries"])), int(document["steps"])
+            return (
+                list(read(tuple[RunSummary, ...], document["summaries"])),
+                int(document["steps"]),
+                int(document["implicit"]),
+            )
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return None
 
-    def run(self, starts: Sequence[tuple[int, int]], summaries: list[RunSummary], steps: int) -> Run:
+    def run(self, starts: Sequence[tuple[int, int]], summaries: list[RunSummary], steps: int, implicit: int) -> Run:
         worst = worst_of(summaries)
         numbers = [*range(DRAWN), *((worst,) if worst >= DRAWN else ())]
         first = self.batch(0, DRAWN)
@@ -154,7 +163,7 @@ class _Ensemble:
         if worst >= DRAWN:
             shown.append(self._alone(worst))
         return Run(
-            tuple(shown), tuple(summaries), overall(summaries), steps=steps,
+            tuple(shown), tuple(summaries), overall(summaries), steps=steps, implicit=implicit,
             ensemble=Ensemble.of(summaries, tuple(numbers), worst), bands=self._bands(starts, first.grid),
         )  # fmt: skip
 

@@ -16,6 +16,7 @@ import numpy as np
 from cdobs_cli.arrays import Array, Integers
 from cdobs_cli.simulate import dormand_prince as method
 from cdobs_cli.simulate.loop import ClosedLoop
+from cdobs_cli.simulate.stiffness import LOOK, Stiffness
 from cdobs_cli.simulate.trigger import Along
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ class End:
     HALTED = 2  # the watch found a reason
     SINGULAR = 3  # no step, however small, is accurate: the flow is undefined or unbounded there
     EXHAUSTED = 4  # more steps than one run may take
+    STIFF = 5  # stability, not accuracy, bounds the steps: an implicit method is to go on
 
 
 @dataclass
@@ -76,6 +78,7 @@ class OneRun:
         self._flow = loop.scalar_flow()
         self._step = method.scalar_step(self._flow, loop.size)
         self._interpolant = method.scalar_dense_output(self._flow, loop.size)
+        self._stiffness = Stiffness(1, 1, max_steps)
 
     def advance(self, runs: Integers, progress: Progress, ends: Array, grid: Grid, watch: Watch) -> Integers:
         """Flow the run to its end; returns the End code, shape (1,)."""
@@ -96,7 +99,7 @@ class OneRun:
 
         k = self._slope(t, y, held)
         if h <= 0 and k is not None:
-            h = _first_step(np.array(y), np.array(k), np.array(floor), self.horizon)
+            h = first_step(np.array(y), np.array(k), np.array(floor), self.horizon)
         while t < end:
             if k is None or steps >= self.max_steps:
                 code = End.SINGULAR if k is None else End.EXHAUSTED
@@ -113,6 +116,8 @@ class OneRun:
                 continue
             suggested = max(h, tried * method.next_step(error)) if tried < h else tried * method.next_step(error)
             until = end if tried == left else t + tried
+            looked = steps % LOOK == 0 and self._stiffness.worth_a_look(left, self.horizon - t, tried)
+            stiff = looked and self._stiff(runs, tried, y, new, slopes, floor)
             if triggered or grid.next_time(0) <= until:
                 coefficients = self._dense(t, tried, y, new, slopes, held)
                 before = np.array(y)
@@ -131,6 +136,9 @@ class OneRun:
             seen_t.append(t)
             seen_y.append(y)
             if code == End.TRIGGERED:
+                break
+            if stiff:
+                code = End.STIFF
                 break
             if len(seen_t) >= _FLUSH and look():
                 code = End.HALTED
@@ -154,6 +162,10 @@ class OneRun:
         except (ArithmeticError, ValueError, TypeError):
             return y, k, float("nan"), ()
 
+    def _stiff(self, runs: Integers, h: float, *of_states: Any) -> bool:
+        columns = (np.array(part)[..., None] for part in of_states)
+        return bool(self._stiffness.found(runs, np.array([h]), *columns)[0])
+
     def _part(self, t: float, y: Any, k: Any, held: Any, floor: Any, s: Array) -> Array:
         return np.array(self._try(t, float(s[0]), y, k, held, floor)[0])[:, None]
 
@@ -167,9 +179,10 @@ class OneRun:
 class ManyRuns:
     """The flow of many runs at once, each with its own time, step and end."""
 
-    def __init__(self, loop: ClosedLoop, horizon: float, max_steps: int) -> None:
+    def __init__(self, loop: ClosedLoop, horizon: float, max_steps: int, runs: int, together: int) -> None:
         self.loop, self.horizon, self.max_steps = loop, horizon, max_steps
         self._slope = loop.array_flow()
+        self._stiffness = Stiffness(runs, together, max_steps)
 
     def advance(self, runs: Integers, progress: Progress, ends: Array, grid: Grid, watch: Watch) -> Integers:
         """Flow the given runs to their ends (len(runs),); returns an End code for each."""
@@ -180,7 +193,7 @@ class ManyRuns:
         k = self._slope(*progress.at(runs))
         fresh = np.flatnonzero(progress.h[runs] <= 0)
         for i in fresh:
-            progress.h[runs[i]] = _first_step(progress.y[:, runs[i]], k[:, i], floor[:, i], self.horizon)
+            progress.h[runs[i]] = first_step(progress.y[:, runs[i]], k[:, i], floor[:, i], self.horizon)
         codes[~np.isfinite(k).all(axis=0)] = End.SINGULAR
         # The states just after a jump have not been looked at yet.
         codes[watch(runs, *progress.at(runs))[runs]] = End.HALTED
@@ -215,6 +228,12 @@ class ManyRuns:
                         until[at], new[:, at] = t[at] + part, state
                         codes[live[at]], done[at] = End.TRIGGERED, True
                 grid.fill(ids[w], until[w], t[w], tried[w], coefficients, y[:, w], held[:, w])
+            worth = good & (progress.steps[ids] % LOOK == 0) & ~done
+            looked = np.flatnonzero(worth & self._stiffness.worth_a_look(left, self.horizon - t, tried))
+            if looked.size:
+                along_step = tried[looked], y[:, looked], new[:, looked], slopes[:, :, looked], floor[:, live[looked]]
+                stiff = looked[self._stiffness.found(ids[looked], *along_step)]
+                codes[live[stiff]], done[stiff] = End.STIFF, True
             moved = ids[w]
             progress.t[moved], progress.y[:, moved], k[:, live[w]] = until[w], new[:, w], last[:, w]
             halted = watch(moved, until[w], new[:, w], held[:, w])[ids] if w.size else np.zeros(live.size, dtype=bool)
@@ -236,7 +255,7 @@ def _next_steps(error: Array) -> Array:
     return np.where(np.isfinite(error), factor, 0.2)
 
 
-def _first_step(y: Array, k: Array, floor: Array, horizon: float) -> float:
+def first_step(y: Array, k: Array, floor: Array, horizon: float) -> float:
     """A cautious first step: the state changes by about a hundredth of its size."""
     scale = floor + method.RTOL * np.abs(y)
     size, rate = float(np.max(np.abs(y) / scale)), float(np.max(np.abs(k) / scale))

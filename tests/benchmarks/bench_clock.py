@@ -1,104 +1,22 @@
-"""The ladder and the growth of the clock certificate, and cones assembled directly against cvxpy.
+"""The ladder of the clock certificate, and cones assembled directly against cvxpy.
 
-    python tests/benchmarks/bench_clock.py growth [--largest 8] [--folder DIR]
-    python tests/benchmarks/bench_clock.py direct
-    python tests/benchmarks/bench_clock.py [ladder]
+    python tests/benchmarks/bench_clock.py [ladder | direct] [--steps 6]
 
-growth: for canonical plants of n states, c = (1, 0, ..) and (1, .., 1): the period proved, solve and proof seconds,
-flow inequalities and cuts imposed, peak memory; a process for each plant. direct: a bisection of 40 steps at n = 3
-through Search and through cvxpy on the same inequalities, in one run. ladder: the pendulum by every method.
+ladder: the pendulum by every method. direct: a bisection at n = 3 through Search and through cvxpy on the same
+inequalities, in one run. Without a word both. `growth.py` draws how it grows with n.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
-import resource
-import subprocess
-import sys
 import time
-from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "certify"))
-
-# Where the search for a period starts.
-START = {
-    False: dict.fromkeys(range(2, 9), 0.9),
-    True: dict(zip(range(2, 9), (0.7, 0.5, 0.35, 0.28, 0.22, 0.18, 0.15), strict=True)),
-}
+import rooms  # noqa: F401 - opens the folders
+from table import row
 
 
-def one(n: int, ones: bool, effort: int) -> None:
-    from example_inclusions import canonical, impulsive, periodic
-
-    from cdobs_cli.certify.methods.base import Question
-    from cdobs_cli.certify.methods.clock.design import ImpulsiveGain
-
-    c = [1] * n if ones else [1] + [0] * (n - 1)
-    question = Question(impulsive(canonical(c, periodic(str(START[ones][n]))), [["0"]] * n), effort=effort)
-    began = time.perf_counter()
-    best = ImpulsiveGain().longest(question)
-    searched = time.perf_counter() - began
-    began = time.perf_counter()
-    proved = best.method.prove(question.with_gain({"K": best.gain})).holds
-    shape = best.method.shape
-    flow = shape.pieces * (shape.D + 1) * 2 ** len(question.inclusion.entries)
-    print(
-        json.dumps(
-            {
-                "n": n, "c": "ones" if ones else "first", "T": str(best.law.T_max), "proved": proved,
-                "search_s": round(searched, 2), "proof_s": round(time.perf_counter() - began, 2),
-                "flow_inequalities": flow, "degree": shape.d, "pieces": shape.pieces,
-                "peak_MB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024,
-            }
-        )
-    )  # fmt: skip
-
-
-def growth(largest: int, effort: int, folder: Path) -> None:
-    found = []
-    for ones in (False, True):
-        for n in range(2, largest + 1):
-            command = [sys.executable, __file__, "one", "--states", str(n), "--effort", str(effort)] + (
-                ["--ones"] if ones else []
-            )
-            line = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
-            print(line, flush=True)
-            found.append(json.loads(line))
-    draw_growth(found, folder)
-
-
-def draw_growth(found: list[dict], folder: Path) -> None:
-    """Seconds, inequalities and memory against n: clock_growth.svg, .png, .csv."""
-    from cdobs_cli.chart import Chart, Panel, Series
-    from cdobs_cli.report.drawings import figure_files
-
-    quantities = {
-        "search_s": "search (s)",
-        "proof_s": "proof (s)",
-        "flow_inequalities": "flow inequalities",
-        "peak_MB": "memory (MB)",
-    }
-    labels = {"first": "c = (1, 0, ..)", "ones": "c = (1, .., 1)"}
-    rows = {c: [row for row in found if row["c"] == c] for c in labels}
-
-    def series(name: str, c: str) -> Series:
-        return Series(labels[c], [row["n"] for row in rows[c]], [max(row[name], 0.01) for row in rows[c]])
-
-    panels = tuple(
-        Panel("states n", text, y_scale="log", series=tuple(series(name, c) for c in labels))
-        for name, text in quantities.items()
-    )
-    folder.mkdir(parents=True, exist_ok=True)
-    chart = Chart(
-        "clock_growth", "Growth with the number of states", "The largest period found, at one effort.", panels
-    )
-    for ending, content in figure_files(chart, ("svg", "png")).items():
-        (folder / f"clock_growth.{ending}").write_bytes(content)
-
-
-def direct(steps: int = 40) -> None:
-    """The same 40 periods, the same inequalities and the same solver: only the way to the cones differs."""
+def direct(steps: int) -> None:
+    """The same periods, the same inequalities and the same solver: only the way to the cones differs."""
     import clarabel
     import cvxpy as cp
     import numpy as np
@@ -139,16 +57,16 @@ def direct(steps: int = 40) -> None:
     results = {}
     for name, feasible in (("direct", by_search), ("cvxpy", by_cvxpy)):
         low, high, cuts = 0.3, 0.9, {}
-        began = time.perf_counter()
+        began = time.process_time()
         for _ in range(steps):
             middle = (low + high) / 2
             low, high = (middle, high) if feasible(middle, cuts) else (low, middle)
-        results[name] = (time.perf_counter() - began, low)
+        results[name] = (time.process_time() - began, low)
         print(
             f"{name:7s} {results[name][0]:8.2f} s for {steps} steps to T = {low:.6f}, clarabel {clarabel.__version__}",
             flush=True,
         )
-    print(f"ratio {results['cvxpy'][0] / results['direct'][0]:.1f}")
+    row("clock certificate, cones assembled directly / by cvxpy", results["direct"][0], results["cvxpy"][0], 0.1)
 
 
 def ladder() -> None:
@@ -160,32 +78,27 @@ def ladder() -> None:
     from cdobs_cli.certify.methods.planar.extremals import limit_any_gain, planar_class
 
     pendulum = impulsive(canonical([1, 0], periodic("1")), [["0"], ["0"]])
+    spent = []
     print("printed set, (31) and (13)      0.668   (Dinh2014)")
     for effort in range(4):
+        began = time.process_time()
         best = ImpulsiveGain().longest(Question(pendulum, effort=effort))
         print(f"clock certificate, effort {effort}     {best.law.T_max}")
+        spent.append(time.process_time() - began)
+    row("clock certificate of the pendulum, effort 2 / effort 1", spent[2], spent[1])
     family, _ = planar_class(pendulum)
     print(f"exact limit for K_1 = 1         {limit_any_gain(family, 3.0):.10f}")
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=["growth", "direct", "ladder", "one"], nargs="?", default="ladder")
-    parser.add_argument("--largest", type=int, default=8)
-    parser.add_argument("--effort", type=int, default=1)
-    parser.add_argument("--states", type=int, default=3)
-    parser.add_argument("--ones", action="store_true")
-    parser.add_argument("--folder", type=Path, default=Path("results/benchmarks"))
+    parser.add_argument("what", choices=["direct", "ladder", "both"], nargs="?", default="both")
+    parser.add_argument("--steps", type=int, default=6)
     options = parser.parse_args()
-    match options.what:
-        case "growth":
-            growth(options.largest, options.effort, options.folder)
-        case "direct":
-            direct()
-        case "ladder":
-            ladder()
-        case "one":
-            one(options.states, options.ones, options.effort)
+    if options.what != "direct":
+        ladder()
+    if options.what != "ladder":
+        direct(options.steps)
 
 
 if __name__ == "__main__":

@@ -18,7 +18,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-HERE = Path(__file__).parents[2]
+import rooms
+from table import ONE_THREAD, cpu_of_command, row
+
+HERE = rooms.ROOT
 NAMES = (
     "lpv_zoh_sine_best", "lpv_zoh_flexible_joint", "lpv_zoh_four_tanks", "lpv_zoh_duffing", "plant_reactor",
     "plant_cart", "plant_pmsm", "plant_flexible_arm", "plant_motor",
@@ -80,7 +83,6 @@ measurement:
   sampling: {max_period: 0.05}
 observer: {family: lpv_zoh, objective: given_period}
 """
-ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "RAYON_NUM_THREADS"), "1")
 
 
 def run(package: Path, spec: Path) -> tuple[float, dict, dict] | None:
@@ -126,6 +128,7 @@ def main() -> None:
         specs = options.spec or [
             *(HERE / "specs" / f"{name}.yaml" for name in NAMES), *(Path(made) / f"{name}.yaml" for name in written)
         ]  # fmt: skip
+        spent = []
         for spec in specs:
             print(spec.stem, flush=True)
             here = run(HERE, spec.resolve())
@@ -136,6 +139,11 @@ def main() -> None:
                 )
                 ratio = f"  ratio {here[0] / there[0]:.3f}" if here and there else ""
                 print(f"  there  {told(*there) if there else 'no design'}{ratio}", flush=True)
+                spent += [(here[0], there[0])] if here and there else []
+            elif here:
+                spent.append((here[0], cpu_of_command("-c", "pass")))
+    other = "the other checkout" if options.folder else "starts of python"
+    row(f"{len(spent)} designs with their checks / {other}", *map(sum, zip(*spent, strict=True)))
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ bang-bang V with up to two switches give a box that is too small, if anything; t
 rate over its vertices, minimised over K_2, is then below what any proof with such a box could show. Where it exceeds 1
 the method has ended.
 
-Run: python tests/benchmarks/bench_gain_aware_box.py
+    python tests/benchmarks/bench_gain_aware_box.py
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+import rooms  # noqa: F401 - opens the folders
 from scipy.linalg import expm
 from scipy.optimize import minimize
 

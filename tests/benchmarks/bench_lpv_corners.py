@@ -1,6 +1,6 @@
 """Chains of n integrators whose last row varies with every state: all 2^n corners, searched and proved.
 
-    PYTHONPATH=. python tests/benchmarks/bench_lpv_corners.py [largest n] [--verbs]
+    python tests/benchmarks/bench_lpv_corners.py [largest n] [--verbs]
 
 Prints, for each n: the period, seconds of processor time for the gain (convex synthesis), for the certificate of the
 rounded gain, for its proof in balls at all 2^n corners; with --verbs also seconds of `synthesize` and `certify`, and
@@ -11,6 +11,9 @@ from __future__ import annotations
 
 import sys
 import time
+
+import rooms  # noqa: F401 - opens the folders
+from table import row
 
 from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger
 from cdobs_cli.certify.methods.wirtinger.design import HeldSynthesis
@@ -38,6 +41,7 @@ def chain(n: int, T: str) -> Plant:
 def main() -> None:
     largest = next((int(argument) for argument in sys.argv[1:] if argument.isdigit()), 8)
     print(f"{'n':>2} {'corners':>7} {'period':>6} {'gain s':>8} {'search s':>8} {'proof s':>8}  outcome")
+    spent = {}
     for n, T in PERIODS.items():
         if n > largest:
             break
@@ -50,6 +54,7 @@ def main() -> None:
         searched = time.process_time()
         proved = certificate is not None and certificate.prove(question).holds
         ended = time.process_time()
+        spent[n] = ended - start
         outcome = "proved" if proved else "undecided"
         seconds = f"{gained - start:>8.3f} {searched - gained:>8.3f} {ended - searched:>8.3f}"
         print(f"{n:>2} {2**n:>7} {T:>6} {seconds}  {outcome}", flush=True)
@@ -63,6 +68,10 @@ def main() -> None:
             ends = (bracket.proved, bracket.refuted) if bracket else None
             seconds = f"synthesize {made - start:.1f} s, certify {time.process_time() - made:.1f} s"
             print(f"   {seconds}: {design.outcome}, {check.verdict}, period in {ends}", flush=True)
+    if largest in spent and largest - 1 in spent:
+        # Twice the corners, each a little larger.
+        names = f"all corners, n = {largest} / n = {largest - 1}"
+        row(names, spent[largest], spent[largest - 1], 3)
 
 
 if __name__ == "__main__":

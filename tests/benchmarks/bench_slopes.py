@@ -1,4 +1,4 @@
-"""The slope prover by hand: times of the listed plants, and 1e5 points on each of many random expressions.
+"""The slope prover: times of the listed plants, and 1e5 points on each of many random expressions.
 
 python tests/benchmarks/bench_slopes.py [expressions]
 """
@@ -6,10 +6,9 @@ python tests/benchmarks/bench_slopes.py [expressions]
 import sys
 import time
 from functools import partial
-from pathlib import Path
 
-sys.path.extend(str(Path(__file__).resolve().parents[1] / room) for room in ("", "bounds"))
-
+import rooms  # noqa: F401 - opens the folders
+from table import cpu, row
 from test_proved_bounds import sampled_violations
 from test_slopes import bioreactor, make_plant
 
@@ -48,3 +47,6 @@ if __name__ == "__main__":
     violations, looseness = sampled_violations(7, int(sys.argv[1]) if len(sys.argv) > 1 else 100, 100_000)
     seconds = time.perf_counter() - start
     print(f"{len(looseness)} random slopes, 1e5 points each: {len(violations)} violations, {seconds:.1f} s")
+    plant = bioreactor(auto=[(0, 0), (1, 0), (1, 1)])
+    found, proved = cpu(partial(resolve, plant)), cpu(partial(decided, bioreactor("2.05", "6.51")))
+    row("slopes of the bioreactor, found and proved / proved as typed", found, proved, 4)

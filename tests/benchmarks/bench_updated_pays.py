@@ -1,6 +1,7 @@
 """Does updating pay? Measurements against error for updated sampling, the best constant period, and the Kalman filter.
 
-Run by hand: python tests/benchmarks/bench_updated_pays.py [runs] [folder].
+    python tests/benchmarks/bench_updated_pays.py [runs] [folder]
+
 Prints each method's front and, at equal error, the measurements each needs; then the error against the level of the
 noise, by alpha. Writes updating_pays.svg, .png, .csv.
 """
@@ -8,8 +9,8 @@ noise, by alpha. Writes updating_pays.svg, .png, .csv.
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "baselines"))
-
+import rooms  # noqa: F401 - opens the folders
+from table import row
 from updating import METHODS, Comparison, fewest, front
 
 from cdobs_cli.chart import Chart, Panel, Series
@@ -37,6 +38,11 @@ def main(runs, folder):
             f"   {target:.5f} "
             + "".join(f"{point.measurements:18.1f}" if point else f"{'not reached':>18}" for point in found)
         )
+    least = min(fronts["updated"], key=lambda point: point.error)
+    for method in METHODS[1:3]:
+        if point := fewest(points, method, least.error * (1 + 1e-9)):
+            row(f"measurements at the least error of updated sampling / {method}", least.measurements,
+                point.measurements, None, "")  # fmt: skip
     print(
         "\nerror of updated sampling by half width of the noise, a2 = 0.3\n     alpha "
         + "".join(f"{noise:>12}" for noise in NOISES)

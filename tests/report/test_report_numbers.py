@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from cdobs_cli.certificate import Bound
 from cdobs_cli.chart import Table
-from cdobs_cli.report.numbers import bracket_text, end_text, ends_text, margin_text, number_text
+from cdobs_cli.report.numbers import bracket_text, end_text, ends_text, implicit_sentence, margin_text, number_text
 from cdobs_cli.report.sections import _table
 
 
@@ -55,3 +55,10 @@ def test_margins_are_rounded_down() -> None:
 def test_shortened_ends_stay_on_their_side(value: Decimal, digits: int) -> None:
     text = str(value)
     assert Decimal(end_text(text, digits, up=False)) <= value <= Decimal(end_text(text, digits, up=True))
+
+
+@pytest.mark.parametrize(
+    ("implicit", "runs", "start"), [(1, 1, "the run is"), (1, 5, "1 of 5 runs is"), (2, 5, "2 of 5 runs are")]
+)
+def test_runs_of_the_implicit_method_are_counted(implicit: int, runs: int, start: str) -> None:
+    assert implicit_sentence(implicit, runs).startswith(f"{start} stiff and w")

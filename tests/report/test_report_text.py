@@ -1,6 +1,6 @@
 """report.md and the terminal summary, against stored text."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,12 @@ GOLDEN = Path(__file__).parent / "golden"
 
 def test_markdown(files: dict[str, bytes]) -> None:
     assert files["report.md"].decode() == (GOLDEN / "report.md").read_text(encoding="utf-8")
+
+
+def test_stiff_runs_are_told_in_the_simulation() -> None:
+    told = "The run is stiff and was integrated with an implicit method (Radau)."
+    assert told in markdown(make_report(run=replace(make_run(), implicit=1)))
+    assert told not in markdown(make_report(run=make_run()))
 
 
 def test_summary(report: Report) -> None:

@@ -44,6 +44,8 @@ def bits(run: Run) -> bytes:
 def path(request, monkeypatch):
     if request.param == "arrays":
         monkeypatch.setattr(module, "_compiled", lambda *loop: None)
+    else:
+        monkeypatch.setattr(module, "COMPILED_FROM", 0)
     return request.param
 
 

@@ -35,6 +35,13 @@ def test_the_run_comes_back():
         assert before.stopped == after.stopped
 
 
+def test_how_many_runs_were_implicit_comes_back_and_is_no_more_than_there_are():
+    run = replace(many(), implicit=2)
+    assert from_bytes(to_bytes(run), run.document()).implicit == 2
+    with pytest.raises(ArtefactError, match="more implicit runs"):
+        from_bytes(to_bytes(run), replace(run, implicit=4).document())
+
+
 def test_the_same_run_gives_the_same_bytes():
     assert to_bytes(many()) == to_bytes(many())
 

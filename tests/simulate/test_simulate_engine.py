@@ -194,10 +194,11 @@ def test_work_is_bounded_before_it_starts():
 
 def test_a_flow_too_fast_for_its_horizon_ends_with_a_finding(monkeypatch):
     monkeypatch.setattr("cdobs_cli.simulate.engine.MAX_STEPS", 2000)
-    model = plant(("x",), [["-1e7"]], law=periodic("1"))
+    model = plant(("x", "v"), [[0, "1e7"], ["-1e7", 0]], law=periodic("1"))
     for runs in (1, 2):
-        run = simulate(copy_observer(model, ["1"]), plan("5", [1], [0], runs=runs), model.sampling)
+        run = simulate(copy_observer(model, ["1", "0"]), plan("5", [1, 0], [0, 0], runs=runs), model.sampling)
         assert "2000 integration steps" in run.summaries[0].stopped
+        assert "rates up to 1e+07 per time unit over a horizon of 5" in run.summaries[0].stopped
         assert not run.summaries[0].diverged
 
 
