@@ -75,6 +75,7 @@ class _Simulation:
         self.noise = Noise(signals, self.draws)
         self.max_samples = min(MAX_SAMPLES, max(100, MAX_SAMPLES_TOGETHER // self.runs))
         chooses = system.observer.trigger is not None
+        self.unread = law.unread(system.plant.p)
         self.timetable = None if chooses else Timetable(law, plan, self.draws, self.max_samples)
         self.max_steps = min(max_steps, MAX_STEPS, max(1000, MAX_STEPS_TOGETHER // self.runs))
         kind = OneRun if self.runs == 1 else ManyRuns
@@ -132,7 +133,7 @@ class _Simulation:
         x = self._initial_states()
         no_observer = np.zeros((self.loop.size - len(x), self.runs))
         held = np.zeros((len(self.loop.held), self.runs))
-        measured = self.loop.measure(zeros, np.concatenate([x, no_observer]), held, self.noise.at(runs, 0, zeros))
+        measured = self._measured(runs, 0, zeros, np.concatenate([x, no_observer]), held)
         y = self.loop.start(measured, self.box, self._initial_estimate(), x)
         held_before = self.loop.hold(zeros, y, held, measured, self.disturbance.before(runs))
         self.progress = Progress.start(zeros.copy(), y, held_before)
@@ -143,14 +144,20 @@ class _Simulation:
     def _sample(self, runs: Integers, index: int) -> None:
         """Measure sample number `index` of the given runs, and jump."""
         t, y, held = self.progress.at(runs)
+        self._jump(runs, index, self._measured(runs, index, t, y, held), jumps=True)
+
+    def _measured(self, runs: Integers, index: int, t: Array, y: Array, held: Array) -> Array:
+        """What sample number `index` reads; outputs that it does not read are not a number."""
         measured = self.loop.measure(t, y, held, self.noise.at(runs, index, t))
-        self._jump(runs, index, measured, jumps=True)
+        if self.unread:
+            measured[self.unread[index % len(self.unread)]] = np.nan
+        return measured
 
     def _jump(self, runs: Integers, index: int, measured: Array, *, jumps: bool) -> None:
         """x+ = g(x-, y_k), then what is held, then the next sampling instant."""
         t, y, held = self.progress.at(runs)
         elapsed = t - held[-1]
-        after = self.loop.jump(t, y, held, measured) if jumps else y
+        after = self.loop.jump(index, t, y, held, measured) if jumps else y
         unknown = np.full(len(runs), np.inf)
         self.next[runs] = unknown if self.timetable is None else self.timetable.after(runs, index, t)
         self.disturbance.at_sample(runs, index, t, self.next[runs])

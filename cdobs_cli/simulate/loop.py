@@ -75,7 +75,8 @@ class ClosedLoop:
         self._signal_values = {**inputs, **elapsed}
         self.flow = tuple(self._closed(row) for row in system.flow)
         self._measure = self._arrays(system.measurement, signals.noise)
-        self._jump = self._arrays(system.jump, (f"y.{k}" for k in range(self.plant.p)))
+        measured = [f"y.{k}" for k in range(self.plant.p)]
+        self._jumps = [self._arrays(jump, measured) for jump in system.jumps]
         self._control = self._arrays(tuple(self.observer.control.values()))
         seen = [*(row for rows in self.observer.estimates.values() for row in rows), *self.observer.internals.values()]
         seen += [*(Variable(name) for name in self.controls), *inputs.values(), *map(Variable, signals.held)]
@@ -125,8 +126,10 @@ class ClosedLoop:
     def measure(self, t: Array, y: Array, held: Array, noise: Array) -> Array:
         return stacked(self._measure(t, *y, *held, *noise), len(t))
 
-    def jump(self, t: Array, y: Array, held: Array, measured: Array) -> Array:
-        return stacked(self._jump(t, *y, *held, *measured), len(t))
+    def jump(self, index: int, t: Array, y: Array, held: Array, measured: Array) -> Array:
+        """After sample number `index`."""
+        jump = self._jumps[index % len(self._jumps)]
+        return stacked(jump(t, *y, *held, *measured), len(t))
 
     @property
     def disturbance_rows(self) -> slice:
@@ -136,8 +139,12 @@ class ClosedLoop:
 
     def hold(self, t: Array, y: Array, held: Array, measured: Array, d: Array) -> Array:
         """What is held from a sample at t on: the controlled inputs, evaluated after the jump, what was measured where
-        an input reads it, the disturbance d where it is drawn, and t itself."""
-        kept = np.concatenate([measured[: len(self.last_measured)], d, t[None]])
+        an input reads it (last, where this sample does not read it), the disturbance d where it is drawn, and t
+        itself."""
+        start, count = len(self.controls), len(self.last_measured)
+        seen = measured[:count]
+        last = np.where(np.isnan(seen), held[start : start + count], seen)
+        kept = np.concatenate([last, d, t[None]])
         since = np.concatenate([held[: len(self.controls)], kept])
         return np.concatenate([stacked(self._control(t, *y, *since), len(t)), kept])
 
