@@ -98,7 +98,7 @@ def _together(run: Run, system: HybridSystem, plan: SimulationPlan, law: Samplin
 
 def _cost(joint: HybridSystem, run: Run) -> int:
     """Of one run, in microseconds or so."""
-    flow, jump = _nodes(joint.flow), _nodes(joint.observer.jump)
+    flow, jump = _nodes(joint.flow), max(map(_nodes, joint.observer.jumps or (joint.observer.jump,)))
     white = 0 if joint.plant.intensity is None else _WHITE
     step, sample = white + _STEP[0] + _STEP[1] * flow, _SAMPLE[0] + _SAMPLE[1] * jump
     set_up = _SET_UP[0] + _SET_UP[1] * (flow + jump)
@@ -118,7 +118,8 @@ def beside(system: HybridSystem, other: Observer) -> HybridSystem:
     own = system.observer
     both = replace(
         own, states=(*own.states, *other.states), start=(*own.start, *other.start), flow=(*own.flow, *other.flow),
-        jump=(*own.jump, *other.jump), estimates={**own.estimates, "ekf": other.estimates["x_hat"]},
+        jump=(*own.jump, *other.jump), jumps=tuple((*a, *b) for a, b in zip(own.jumps, other.jumps, strict=True)),
+        estimates={**own.estimates, "ekf": other.estimates["x_hat"]},
     )  # fmt: skip
     return replace(system, observer=both)
 
@@ -137,8 +138,9 @@ def filter_of(plant: Plant, run: Run, plan: SimulationPlan) -> Observer:
     h = tuple(one + middle.expression for one, middle in zip(plant.outputs(), middle_v, strict=True))
     moved = any(middle.sign() != 0 for middle in middle_v)
     known = replace(plant, phi=phi, h=h if moved else plant.h)
+    reads = [sorted(phase.outputs) for phase in plant.sampling.phases]
     try:
-        return extended_kalman_filter(known, _intensity(plant, run), R, _start(plant, run, plan))
+        return extended_kalman_filter(known, _intensity(plant, run), R, _start(plant, run, plan), reads)
     except (ValueError, ArithmeticError) as error:  # a slope that is no expression, numbers beyond floats
         raise NoFilterError(f"There is no filter: {error}.") from error
 

@@ -39,9 +39,10 @@ LARGEST = Fraction(10) ** 100
 NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
-def wrong(what: str) -> PydanticCustomError:
-    """The error of a value that has the right type and the wrong content."""
-    return PydanticCustomError("value", "{what}", {"what": what})
+def wrong(what: str, hint: str | None = None) -> PydanticCustomError:
+    """The error of a value that has the right type and the wrong content; hint: what to write."""
+    told = {"what": what} if hint is None else {"what": what, "hint": hint}
+    return PydanticCustomError("value", "{what}", told)
 
 
 def bounded(expression: Expression) -> Expression:

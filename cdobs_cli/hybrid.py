@@ -8,7 +8,7 @@ from itertools import product
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from cdobs_cli.exact.expression import Expression, Variable
-from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.plant import Domain, Entry, Plant, Quantity
 from cdobs_cli.sampling import SamplingLaw
 
@@ -115,13 +115,27 @@ class HybridInclusion:
 
     @property
     def view_floats(self) -> PlantView[NDArray[np.float64]]:
-        """Plant and gain in floats."""
-        return PlantView.floats(self.plant, self.gain)
+        """Plant and gain in floats. Where each sample has a gain of its own no one is the gain: it is not a number."""
+        if not self.sampling.is_multirate:
+            return PlantView.floats(self.plant, self.gain)
+        import numpy as np
+
+        view = PlantView.floats(self.plant, {})
+        return replace(view, gain={name: np.full(view.C.T.shape, np.nan) for name in self.gain})
 
     @property
     def view_balls(self) -> PlantView[Matrix]:
-        """Plant and gain, rational where the data are rational, balls at the working precision otherwise."""
-        return PlantView.balls(self.plant, self.gain)
+        """Plant and gain, rational where the data are rational, balls at the working precision otherwise; the gain as
+        in `view_floats`."""
+        if not self.sampling.is_multirate:
+            return PlantView.balls(self.plant, self.gain)
+        from flint import arb
+
+        from cdobs_cli.exact.matrix import Matrix
+
+        view = PlantView.balls(self.plant, {})
+        unknown = Matrix.from_rows([[arb("nan")] * self.plant.p] * self.plant.n)
+        return replace(view, gain=dict.fromkeys(self.gain, unknown))
 
     @property
     def floats(self) -> ErrorMaps[NDArray[np.float64]]:
@@ -131,6 +145,33 @@ class HybridInclusion:
     def balls(self) -> ErrorMaps[Matrix]:
         """The maps in the arithmetic of `view_balls`."""
         return self.assemble(self.view_balls)
+
+    @property
+    def phases_floats(self) -> list[ErrorMaps[NDArray[np.float64]]]:
+        """The maps of each sample of the hyperperiod: all of one flow, each with its own jump; one where every sample
+        is as the others. Raises: ValueError for a gain that does not fit the law."""
+        if not self.sampling.is_multirate:
+            return [self.floats]
+        view = PlantView.floats(self.plant, {})
+        return [
+            self.assemble(replace(view, gain={name: K.floats for name, K in own.items()})) for own in self.phase_gains
+        ]
+
+    @property
+    def phases_balls(self) -> list[ErrorMaps[Matrix]]:
+        """The same in the arithmetic of `view_balls`."""
+        if not self.sampling.is_multirate:
+            return [self.balls]
+        view = PlantView.balls(self.plant, {})
+        return [
+            self.assemble(replace(view, gain={name: K.balls() for name, K in own.items()})) for own in self.phase_gains
+        ]
+
+    @property
+    def phase_gains(self) -> list[dict[str, ExactMatrix]]:
+        """The gain of each sample of the hyperperiod, shape (n, p), 0 where an output is not read then."""
+        own = {name: self.sampling.split(K, self.plant.p) for name, K in self.gain.items()}
+        return [{name: own[name][q] for name in own} for q in range(len(self.sampling.phases))]
 
     @property
     def noise_floats(self) -> NoiseMaps[NDArray[np.float64]]:
@@ -280,6 +321,8 @@ class Observer:
         start: value of each state at t_0, before the first measurement is used.
         flow: time derivative of each state between samples.
         jump: value of each state just after a sample.
+        jumps: where samples differ in what is read, the jump of each in turn, one after the other and again from the
+            first; `jump` is the first of them then.
         jump_at_start: whether the sample at t_0 makes a jump.
         trigger: the next sample is when this expression first reaches 0 from below; None: the sampling law decides.
         estimates: what is reported, by name: {"x_hat": n expressions} or {"x_lower": .., "x_upper": ..}.
@@ -298,6 +341,7 @@ class Observer:
     control: Mapping[str, Expression] = field(default_factory=dict)
     internals: Mapping[str, Expression] = field(default_factory=dict)
     stops: tuple[tuple[Expression, str], ...] = ()
+    jumps: tuple[tuple[Expression, ...], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -343,6 +387,8 @@ class HybridSystem:
         return tuple(row + Variable(f"v.{k}") for k, row in enumerate(rows))
 
     @property
-    def jump(self) -> tuple[Expression, ...]:
-        """All states after a sample, over states, `y.0`, .. and `elapsed`: the plant's do not jump."""
-        return tuple(Variable(name) for name in self.plant.states) + self.observer.jump
+    def jumps(self) -> tuple[tuple[Expression, ...], ...]:
+        """All states after a sample, over states, `y.0`, .. and `elapsed`: the plant's do not jump. One for every
+        sample, or those of samples in turn."""
+        kept = tuple(Variable(name) for name in self.plant.states)
+        return tuple(kept + jump for jump in self.observer.jumps or (self.observer.jump,))

@@ -229,6 +229,12 @@ class Plant:
         return self.C.shape[0]
 
     @property
+    def gain_shape(self) -> tuple[int, int]:
+        """Of a gain that corrects each state at samples: (n, p), or the gains of all samples of a hyperperiod side by
+        side."""
+        return self.n, self.sampling.gain_columns(self.p)
+
+    @property
     def is_disturbed(self) -> bool:
         """Whether a disturbance is declared, bounded or white."""
         return self.disturbance is not None or self.intensity is not None

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
 from typing import Any, Literal
 
-from cdobs_cli.exact.numbers import EXACT_ZERO, Exact
+from cdobs_cli import sensors as schedule
+from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
+from cdobs_cli.sensors import GAINS, Gains, Phase, Sensor
 
 MOST_LOST = 20  # samples in a row
-SamplingKind = Literal["periodic", "aperiodic", "lossy", "random", "updated"]
+SamplingKind = Literal["periodic", "aperiodic", "lossy", "random", "multirate", "updated"]
 
 
 @dataclass(frozen=True)
@@ -18,7 +23,9 @@ class SamplingLaw:
     periodic: T_min = T_max; aperiodic: 0 <= T_min < T_max; lossy: samples every T_min of which at most `lost` in a row
     are lost, so t_(k+1) - t_k is one of T_min, 2 T_min, .., T_max = (lost + 1) T_min; random: samples every T_min,
     which is T_max too, each lost with this probability, independently: then there is no longest time between two;
-    updated: the observer chooses, both are 0.
+    multirate: some outputs at each sample, by `sensors` with periods in proportion to the shortest one, `base`; T_min
+    and T_max are the shortest and longest time between two samples of any of them, `gains` says for which samples the
+    observer has gains of their own; updated: the observer chooses, both are 0.
     """
 
     kind: SamplingKind
@@ -26,6 +33,18 @@ class SamplingLaw:
     T_max: Exact = EXACT_ZERO
     lost: int = 0
     probability: Exact = EXACT_ZERO
+    sensors: tuple[Sensor, ...] = ()
+    gains: Gains = "by_phase"
+    base: Exact = EXACT_ZERO
+
+    @staticmethod
+    def multirate(base: Exact, sensors: Sequence[Sensor], gains: Gains = "by_phase") -> SamplingLaw:
+        """Sensors whose shortest period is `base`; where all are read at every sample, a constant period."""
+        gaps = [phase.gap for phase in schedule.phases(sensors)]
+        if len(gaps) == 1:
+            return SamplingLaw.periodic(base)
+        T_min, T_max = (base * Exact(gap) for gap in (min(gaps), max(gaps)))
+        return SamplingLaw("multirate", T_min, T_max, sensors=tuple(sensors), gains=gains, base=base)
 
     @staticmethod
     def randomly(period: Exact, probability: Exact) -> SamplingLaw:
@@ -43,11 +62,17 @@ class SamplingLaw:
 
     @property
     def period(self) -> Exact:
-        """What `with_period` replaces: the period, lost samples or not, or the largest of an interval."""
+        """What `with_period` replaces: the period, lost samples or not, the largest of an interval, or the shortest of
+        all sensors'."""
+        if self.is_multirate:
+            return self.base
         return self.T_min if self.is_lossy else self.T_max
 
     def with_period(self, T: Exact) -> SamplingLaw:
-        """The law with its period (or its largest period) replaced; a smaller T_max takes T_min along."""
+        """The law with its period (or its largest period) replaced; a smaller T_max takes T_min along, the shortest
+        period of sensors the others, and their offsets, in proportion."""
+        if self.is_multirate:
+            return SamplingLaw.multirate(T, self.sensors, self.gains)
         if self.is_random:
             return SamplingLaw.randomly(T, self.probability)
         if self.kind in ("periodic", "lossy"):
@@ -58,7 +83,7 @@ class SamplingLaw:
     @property
     def is_periodic(self) -> bool:
         """Whether all periods are one number."""
-        return not (self.is_updated or self.is_random) and self.T_min == self.T_max
+        return not (self.is_updated or self.is_random or self.is_multirate) and self.T_min == self.T_max
 
     @property
     def is_lossy(self) -> bool:
@@ -69,6 +94,49 @@ class SamplingLaw:
     def is_random(self) -> bool:
         """Whether samples of a constant period are lost by chance."""
         return self.kind == "random"
+
+    @property
+    def is_multirate(self) -> bool:
+        """Whether sensors have periods or offsets of their own."""
+        return self.kind == "multirate"
+
+    @cached_property
+    def phases(self) -> tuple[Phase, ...]:
+        """The samples of one hyperperiod of a multirate law; empty of any other."""
+        return schedule.phases(self.sensors) if self.is_multirate else ()
+
+    @property
+    def gaps(self) -> tuple[Exact, ...]:
+        """The time from each sample of a hyperperiod to the next."""
+        return tuple(self.base * Exact(phase.gap) for phase in self.phases)
+
+    @property
+    def hyperperiod(self) -> Exact:
+        """After which time the sensors of a multirate law are read as before."""
+        return self.base * Exact(schedule.hyperperiod(self.sensors))
+
+    def gain_columns(self, outputs: int) -> int:
+        """How many columns an observer's gains have together: one for each output that is read, sample by sample."""
+        return sum(len(phase.outputs) for phase in self.phases) if self.is_multirate else outputs
+
+    def unread(self, outputs: int) -> list[list[int]]:
+        """The outputs that each sample of a multirate law does not read; empty of any other law."""
+        return [[k for k in range(outputs) if k not in phase.outputs] for phase in self.phases]
+
+    def split(self, gain: ExactMatrix, outputs: int) -> list[ExactMatrix]:
+        """The gain of each sample of a multirate law, shape (n, outputs) and 0 for outputs that are not read then, of
+        the gains of all of them side by side (`gain_columns`).
+
+        Raises: ValueError for another number of columns or outputs."""
+        if gain.shape[1] != self.gain_columns(outputs) or sum(len(one.outputs) for one in self.sensors) != outputs:
+            raise ValueError("a gain has a column for each output that a sample reads")
+        first, split = 0, []
+        for phase in self.phases:
+            place = {output: first + k for k, output in enumerate(phase.outputs)}
+            columns = [place.get(output) for output in range(outputs)]
+            split.append(ExactMatrix([[EXACT_ZERO if k is None else row[k] for k in columns] for row in gain.rows]))
+            first += len(place)
+        return split
 
     @property
     def multiples(self) -> tuple[Exact, ...]:
@@ -90,22 +158,23 @@ class SamplingLaw:
     @property
     def is_bounded(self) -> bool:
         """Whether the periods are known to lie in an interval [T_min, T_max] with T_max > 0."""
-        known = not (self.is_updated or self.is_random)
+        known = not (self.is_updated or self.is_random or self.is_multirate)
         return known and self.T_max.sign() == 1 and self.T_min.sign() in (0, 1)
 
     def contains(self, other: SamplingLaw) -> bool:
         """Whether every sequence of periods of the other law is certainly one of this law."""
         if self == other:
             return True
-        if self.is_random or other.is_random:
+        if self.is_random or other.is_random or self.is_multirate or other.is_multirate:
             return False
         if self.is_lossy:
             return bool(other.multiples) and all(map(self.allows, other.multiples))
         return self.T_min.is_at_most(other.T_min) and other.T_max.is_at_most(self.T_max)
 
     def allows(self, gap: Exact) -> bool:
-        """Whether t_(k+1) - t_k may certainly be so much for ever; of samples lost by chance nothing is certain."""
-        if self.is_random:
+        """Whether t_(k+1) - t_k may certainly be so much for ever; of samples lost by chance nothing is certain, and
+        sensors of different periods are not all read at each."""
+        if self.is_random or self.is_multirate:
             return False
         if self.is_lossy:
             return any(gap == one or (gap - one).sign() == 0 for one in self.multiples)
@@ -114,6 +183,8 @@ class SamplingLaw:
     @property
     def symbols(self) -> str:
         """`T_k = 0.6`, `T_k in [0, 5]`, `T_k in {0.6, .., 1.8}`."""
+        if self.is_multirate:
+            return f"T_k in {{{', '.join(map(str, self.gaps))}}}"
         if self.is_lossy:
             return f"T_k in {{{self.T_min}, .., {self.T_max}}}"
         if self.is_random:
@@ -122,7 +193,10 @@ class SamplingLaw:
 
     @property
     def words(self) -> str:
-        """Behind "sampling": `every 0.6`, `at periods in [0, 5]`, `every 0.6, at most 2 in a row lost`."""
+        """Behind "sampling": `every 0.6`, `at periods in [0, 5]`, `every 0.6, at most 2 in a row lost`, `x every 0.1,
+        theta every 0.4 from 0.2 on`."""
+        if self.is_multirate:
+            return self._sensors_text(lambda share: str(self.base * Exact(share)))
         if self.is_random:
             return f"every {self.T_min}, each sample lost with probability {self.probability}"
         if self.is_lossy:
@@ -131,7 +205,10 @@ class SamplingLaw:
 
     @property
     def open_end(self) -> str:
-        """The law without its period: `constant periods`, `periods from 0.1`."""
+        """The law without its period: `constant periods`, `periods from 0.1`, `x every T, theta every 4 T`."""
+        if self.is_multirate:
+            told = self._sensors_text(lambda share: "T" if share == 1 else f"{share} T")
+            return f"T the shortest period of the sensors, the others in proportion: {told}"
         if self.is_random:
             return f"constant periods, each sample lost with probability {self.probability}"
         if self.is_lossy:
@@ -142,6 +219,8 @@ class SamplingLaw:
         """For people, in a unit of time: `every 0.6 s`, `at intervals anywhere in [0, 5] s`."""
         if self.is_updated:
             return "at instants that the observer chooses"
+        if self.is_multirate:
+            return self._sensors_text(lambda share: f"{self.base * Exact(share)} {unit}")
         if self.is_random:
             return f"every {self.T_min} {unit}, each lost with probability {self.probability}, independently"
         if self.is_lossy:
@@ -152,8 +231,18 @@ class SamplingLaw:
             else f"at intervals anywhere in [{self.T_min}, {self.T_max}] {unit}"
         )
 
+    def _sensors_text(self, time: Callable[[Fraction], str]) -> str:
+        """`x every 0.1, theta every 0.4 from 0.2 on`, a time by its share of the shortest period."""
+        return ", ".join(
+            f"{one.name} every {time(one.every)}" + (f" from {time(one.offset)} on" if one.offset else "")
+            for one in self.sensors
+        )
+
     def document(self) -> dict[str, Any]:
-        """As in a spec: {period}, {min_period, max_period} or {updated}; {period, lost} where samples may be lost."""
+        """As in a spec: {period}, {min_period, max_period} or {updated}; {period, lost} where samples may be lost;
+        of sensors the shortest period, and theirs as multiples of it."""
+        if self.is_multirate:
+            return {"period": str(self.base), "sensors": schedule.document(self.sensors), "gains": self.gains}
         if self.is_random:
             return {"period": str(self.T_min), "probability": str(self.probability)}
         if self.is_lossy:
@@ -177,6 +266,10 @@ class SamplingLaw:
             case {"period": str(period), "probability": str(probability), **rest} if not rest:
                 law = SamplingLaw.randomly(Exact(period), Exact(probability))
                 if law.probability.sign() != 1 or (law.probability - Exact(1)).sign() != -1:
+                    raise ValueError("not a sampling law")
+            case {"period": str(period), "sensors": sensors, "gains": gains, **rest} if not rest and gains in GAINS:
+                law = SamplingLaw.multirate(Exact(period), schedule.from_document(sensors), gains)
+                if not law.is_multirate:
                     raise ValueError("not a sampling law")
             case {"min_period": str(shortest), "max_period": str(longest), **rest} if not rest:
                 law = SamplingLaw("aperiodic", Exact(shortest), Exact(longest))

@@ -28,8 +28,12 @@ MAX_OUTPUTS = 4
 Rows = list[list[Expression]]
 
 
-def extended_kalman_filter(plant: Plant, Q: ExactMatrix, R: ExactMatrix, P_0: ExactMatrix) -> Observer:
+def extended_kalman_filter(
+    plant: Plant, Q: ExactMatrix, R: ExactMatrix, P_0: ExactMatrix, reads: Sequence[Sequence[int]] = ()
+) -> Observer:
     """The filter under d white of intensity Q (n, n) and v of covariance R (p, p) > 0, from P(0) = P_0 (n, n).
+
+    reads: the outputs that one sample after the other reads, where that is not all of them at each.
 
     Its states: `ekf.<state>`, and the upper triangle of P, `cov.i.j` being P_ij/(s_i s_j) with s_i the power of ten
     next to the deviation in P_0.
@@ -41,7 +45,6 @@ def extended_kalman_filter(plant: Plant, Q: ExactMatrix, R: ExactMatrix, P_0: Ex
         raise ValueError(f"this filter takes up to {MAX_OUTPUTS} outputs, not {p}")
     if (Q.shape, R.shape, P_0.shape) != ((n, n), (p, p), (n, n)):
         raise ValueError("Q and P_0 have a row and a column for each state, R for each output")
-    L, D = _decorrelated(R)
     s = [_scale(P_0[i, i]) for i in range(n)]
     hat = tuple(PREFIX + name for name in plant.states)
     f, h = plant.right_hand_side(PREFIX), plant.outputs(PREFIX)
@@ -54,15 +57,21 @@ def extended_kalman_filter(plant: Plant, Q: ExactMatrix, R: ExactMatrix, P_0: Ex
         return M[i, j].expression * Number(1 / (s[i] * s[j]))
 
     rates = [_dot(F[i], P[j]) + _dot(F[j], P[i]) + scaled(Q, i, j) for i, j in upper]
-    innovations = [Variable(f"y.{k}") - row for k, row in enumerate(h)]
-    delta, after = _updated(P, _solved(L, [[one] for one in innovations]), _solved(L, H), D)
+
+    def corrected(read: Sequence[int]) -> tuple[Expression, ...]:
+        L, D = _decorrelated(ExactMatrix([[R[k, m] for m in read] for k in read]))
+        innovations = [[Variable(f"y.{k}") - h[k]] for k in read]
+        delta, after = _updated(P, _solved(L, innovations), _solved(L, [H[k] for k in read]), D)
+        states = (Variable(name) + Number(s[i]) * delta[i] for i, name in enumerate(hat))
+        return (*states, *(after[i][j] for i, j in upper))
+
+    known = {tuple(read): corrected(read) for read in reads or [range(p)]}
+    jumps = tuple(known[tuple(read)] for read in reads)
     return Observer(
         states=(*hat, *(_entry(i, j) for i, j in upper)),
         start=(*(Variable(f"initial.{name}") for name in plant.states), *(scaled(P_0, i, j) for i, j in upper)),
         flow=(*f, *rates),
-        jump=(
-            *(Variable(name) + Number(s[i]) * delta[i] for i, name in enumerate(hat)), *(after[i][j] for i, j in upper)
-        ),
+        jump=next(iter(known.values())), jumps=jumps,
         estimates={"x_hat": tuple(Variable(name) for name in hat)},
     )  # fmt: skip
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -12,8 +12,10 @@ from cdobs_cli.certificate import Witness
 from cdobs_cli.certify import search
 from cdobs_cli.certify.falsify import Word, prove, refute
 from cdobs_cli.certify.floats import exponentials, spectral_radii
+from cdobs_cli.certify.linear import is_linear, lost_above
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
@@ -36,15 +38,20 @@ def smallest_refuted(
     """
     start = float(proved) if proved is not None else _fast_time(at)
     one = at(Exact(1))
-    law, maps = one.sampling, one.floats
+    law, phases = one.sampling, one.phases_floats
     # A law of an interval of periods grows with its longest: what is refuted stays refuted.
     growth = _FAST if law.is_bounded and not law.multiples else _GROWTH[max(0, min(effort, 3))]
+    if law.is_multirate and is_linear(one):  # stability may be lost and regained within a step of the scan
+        for T in lost_above(at(search.short(start)), start):
+            met_there = refute(at(T), effort)
+            if met_there is not None:
+                return T, met_there
     met: list[tuple[Word, Exact]] = []
 
     def refuted(T: Exact) -> Witness | None:
         """By the last word met, in proportion, or by one that is looked for."""
         inclusion = at(T)
-        word = _at_period(*met[-1], T) if met else None
+        word = _at_period(*met[-1], inclusion.sampling) if met else None
         multiplier = None if word is None else prove(inclusion, word)
         witness = (
             refute(inclusion, effort) if word is None or multiplier is None else word.witness(inclusion, multiplier)
@@ -55,21 +62,23 @@ def smallest_refuted(
 
     def ends(witness: Witness, T: float) -> float:
         with np.errstate(all="ignore"):
-            return _shrunk(maps, Word.from_witness(witness), T)
+            return _shrunk(phases, Word.from_witness(witness), T, whole=law.is_multirate)
 
     return search.smallest(refuted, start, growth, _WIDTH, nearer=None if law.is_random else ends)
 
 
-def _at_period(word: Word, T: Exact, other: Exact) -> Word | None:
-    """A word in which those of its periods that are T long are another period long, their arcs in proportion; None
-    where none is."""
+def _at_period(word: Word, T: Exact, law: SamplingLaw) -> Word | None:
+    """A word in which those of its periods that are T long are the law's period long, their arcs in proportion; all of
+    them where sensors have periods of their own. None where none is."""
+    other = law.period
     share = float(other) / float(T)
     periods = []
-    for period in word.periods:
+    for k, period in enumerate(word.periods):
         total = sum(float(arc.length) for arc in period)
-        if total > float(T) * (1 - _WIDTH):
+        if law.is_multirate or total > float(T) * (1 - _WIDTH):
             lengths = [search.short(float(arc.length) * share, 12) for arc in period[:-1]]
-            last = other * Exact(round(total / float(T)))  # several of them where samples were lost
+            # Several of them where samples were lost.
+            last = law.gaps[k % len(law.phases)] if law.is_multirate else other * Exact(round(total / float(T)))
             for length in lengths:
                 last = last - length
             period = tuple(replace(arc, length=length) for arc, length in zip(period, [*lengths, last], strict=True))
@@ -77,17 +86,19 @@ def _at_period(word: Word, T: Exact, other: Exact) -> Word | None:
     return replace(word, periods=tuple(periods)) if tuple(periods) != word.periods else None
 
 
-def _shrunk(maps: ErrorMaps[Array], word: Word, T: float) -> float:
-    """Down to which period, in floats, a word refutes when those of its periods that are T long shrink in proportion:
-    by the maximum principle its switching times matter to second order only."""
+def _shrunk(phases: Sequence[ErrorMaps[Array]], word: Word, T: float, *, whole: bool) -> float:
+    """Down to which period, in floats, a word refutes when those of its periods that are T long (whole: all of them)
+    shrink in proportion: by the maximum principle its switching times matter to second order only."""
     periods = [[float(arc.length) for arc in period] for period in word.periods]
-    flows = [maps.flow(tuple(map(float, arc.values))) for period in word.periods for arc in period]
-    jumps = [maps.jump_at(tuple(map(float, w))) for _, w in word.samples]
+    flows = [phases[0].flow(tuple(map(float, arc.values))) for period in word.periods for arc in period]
+    in_turn = (phases[k % len(phases)] for k in range(1, len(periods) + 1))
+    jumps = [maps.jump_at(tuple(map(float, w))) for maps, (_, w) in zip(in_turn, word.samples, strict=True)]
 
     def refutes(share: float) -> bool:
-        lengths = [length * (share if sum(one) > T * (1 - _WIDTH) else 1.0) for one in periods for length in one]
+        shares = [share if whole or sum(one) > T * (1 - _WIDTH) else 1.0 for one in periods]
+        lengths = [length * own for own, one in zip(shares, periods, strict=True) for length in one]
         steps = iter(exponentials(np.array(flows) * np.array(lengths)[:, None, None]))
-        M = np.eye(maps.base.shape[0])
+        M = np.eye(phases[0].base.shape[0])
         for period, jump in zip(periods, jumps, strict=True):
             for _ in period:
                 M = next(steps) @ M

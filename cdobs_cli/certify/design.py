@@ -280,7 +280,8 @@ class _Synthesis:
 
     def _uncorrected(self) -> list[Candidate]:
         """The gain 0, where the error decays by itself and no other gain was found."""
-        zero = ExactMatrix([[0] * self.plant.p for _ in range(self.plant.n)])
+        rows, columns = self.plant.gain_shape
+        zero = ExactMatrix([[0] * columns for _ in range(rows)])
         method = Uncorrected.propose(self.asked.with_gain({self.card.letter: zero}).afresh())
         return [] if method is None else [Candidate(zero, self.plant.sampling, 0.0, method)]
 

@@ -5,14 +5,15 @@ Over a word of sampling periods the error is multiplied by the monodromy matrix
 
     M = J Phi_m .. J Phi_1,    Phi = product of exp((base + sum_k v_k parts_k) s) over the arcs of a period;
 
-repeated for ever it keeps some error from converging when rho(M) >= 1. Where outputs have slopes that vary each J is
-one of the class, chosen at each sample. Floats search, balls prove (`refutes`). Such a witness is about the slope
-class: some plant with these slopes defeats the gain.
+of sensors with periods of their own with the J of each sample in turn, over whole hyperperiods. Repeated for ever it
+keeps some error from converging when rho(M) >= 1. Where outputs have slopes that vary each J is one of the class,
+chosen at each sample. Floats search, balls prove (`refutes`). Such a witness is about the slope class: some plant with
+these slopes defeats the gain.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice, product
@@ -31,6 +32,7 @@ from cdobs_cli.certify.ball import (
     spectral_radius_lower,
 )
 from cdobs_cli.certify.floats import exponentials, spectral_radii
+from cdobs_cli.certify.linear import product as cycle
 from cdobs_cli.certify.symmetric_power import power
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.matrix import Matrix, block
@@ -132,14 +134,21 @@ def refute(inclusion: HybridInclusion, effort: int) -> Witness | None:
     between corners, over words of several periods.
     """
     progress.doing(f"counterexamples at T = {float(inclusion.sampling.period):.6g}")
-    every = (_unseen_words, _constant_words, _period_words, _switching_words)
     with np.errstate(all="ignore"):
-        for words in (_mean_words,) if inclusion.sampling.is_random else every:
+        for words in _searches(inclusion.sampling):
             for word in words(inclusion, effort):
                 multiplier = prove(inclusion, word)
                 if multiplier is not None:
                     return word.witness(inclusion, multiplier)
     return None
+
+
+def _searches(law: SamplingLaw) -> tuple[Callable[[HybridInclusion, int], Iterator[Word]], ...]:
+    if law.is_random:
+        return (_mean_words,)
+    if law.is_multirate:
+        return _unseen_words, _cyclic_words, _switching_words
+    return _unseen_words, _constant_words, _period_words, _switching_words
 
 
 def refutes(inclusion: HybridInclusion, witness: Witness) -> bool:
@@ -158,9 +167,12 @@ def prove(inclusion: HybridInclusion, word: Word) -> arb | None:
     lost by chance the word is one period of constant slopes, and M is what a sample makes of E e e'."""
     if inclusion.sampling.is_random:
         return _prove_in_the_mean(inclusion, word)
-    if not all(is_admissible(inclusion, *sample) for sample in word.samples):
+    if not all(is_admissible(inclusion, *sample, k) for k, sample in enumerate(word.samples)):
         return None
-    M = monodromy(inclusion.balls, word)
+    phases = inclusion.phases_balls
+    if len(word.periods) % len(phases):
+        return None
+    M = monodromy(phases, word)
     if not has_spectral_radius_at_least(M):
         values = {(arc.values, w) for period, w in word.samples for arc in period}
         return arb(1) if len(values) == 1 and leaves_unseen(inclusion, *values.pop()) else None
@@ -183,18 +195,20 @@ def _prove_in_the_mean(inclusion: HybridInclusion, word: Word) -> arb | None:
     return arb(1) if has_eigenvalue_beyond((kept * (1 - p) + lost * p).balls()) else None
 
 
-def monodromy(maps: ErrorMaps[Matrix], word: Word) -> Matrix:
-    """M = J Phi_m .. J Phi_1 in balls."""
-    total = Matrix.identity(maps.base.shape[0])
-    for period, w in word.samples:
+def monodromy(phases: Sequence[ErrorMaps[Matrix]], word: Word) -> Matrix:
+    """M = J Phi_m .. J Phi_1 in balls, the J of samples in turn; the first arc begins at the first of them."""
+    total = Matrix.identity(phases[0].base.shape[0])
+    for k, (period, w) in enumerate(word.samples, start=1):
+        maps = phases[k % len(phases)]
         for arc in period:
             total = maps.flow(tuple(value.scalar for value in arc.values)).exp(arc.length.scalar) @ total
         total = maps.jump_at(tuple(value.scalar for value in w)) @ total
     return total
 
 
-def is_admissible(inclusion: HybridInclusion, period: tuple[Arc, ...], w: tuple[Exact, ...]) -> bool:
-    """Whether the slopes certainly lie in the box, and the arcs fill a period of the law."""
+def is_admissible(inclusion: HybridInclusion, period: tuple[Arc, ...], w: tuple[Exact, ...], number: int = 0) -> bool:
+    """Whether the slopes certainly lie in the box, and the arcs fill a period of the law, of a word's periods the one
+    of this number."""
     if not are_within(w, inclusion.outputs):
         return False
     if any(arc.length.sign() != 1 or not are_within(arc.values, inclusion.quantities) for arc in period):
@@ -204,7 +218,11 @@ def is_admissible(inclusion: HybridInclusion, period: tuple[Arc, ...], w: tuple[
         length = length + arc.length
     if len(period) > 1 and length.rational is None:  # balls cannot tell a period from the arcs that it is made of
         length = Exact(simplify(length.expression))
-    return inclusion.sampling.allows(length)
+    law = inclusion.sampling
+    if law.is_multirate:
+        gap = law.gaps[number % len(law.phases)]
+        return length == gap or (length - gap).sign() == 0
+    return law.allows(length)
 
 
 def are_within(values: tuple[Exact, ...], quantities: tuple[Quantity, ...]) -> bool:
@@ -218,11 +236,11 @@ def leaves_unseen(inclusion: HybridInclusion, values: tuple[Exact, ...], w: tupl
     """Whether constant slopes, of the flow and of the outputs, make some error that never shows in the outputs and does
     not decay: then no gain and no sampling law helps. Exact, for rational data: A + V on the unobservable subspace is
     not Hurwitz, and flow and jump keep that subspace."""
-    maps, C = inclusion.balls, inclusion.plant.output_matrix(w).balls()
-    J = maps.jump_at(tuple(value.scalar for value in w))
-    F = maps.flow(tuple(value.scalar for value in values))
+    phases, C = inclusion.phases_balls, inclusion.plant.output_matrix(w).balls()
+    jumps = [maps.jump_at(tuple(value.scalar for value in w)) for maps in phases]
+    F = phases[0].flow(tuple(value.scalar for value in values))
     A = inclusion.view_balls.flow(value.scalar for value in values) if inclusion.quantities else inclusion.view_balls.A
-    if not (F.is_rational and J.is_rational and C.is_rational and A.is_rational):
+    if not (F.is_rational and C.is_rational and A.is_rational and all(J.is_rational for J in jumps)):
         return False
     basis = unobservable_subspace(A, C)
     if basis is None:
@@ -230,9 +248,8 @@ def leaves_unseen(inclusion: HybridInclusion, values: tuple[Exact, ...], w: tupl
     size = basis.shape[1]
     kept = (basis.T @ basis).solve(basis.T @ A @ basis)  # A N = N kept
     embedded = block([[basis], [Matrix.zeros(F.shape[0] - A.shape[0], size)]]) if F.shape[0] > A.shape[0] else basis
-    if (F @ embedded - embedded @ kept).data != Matrix.zeros(F.shape[0], size).data or (
-        J @ embedded
-    ).data != embedded.data:
+    stays = (F @ embedded - embedded @ kept).data == Matrix.zeros(F.shape[0], size).data
+    if not stays or any((J @ embedded).data != embedded.data for J in jumps):
         return False
     return not is_hurwitz(kept)
 
@@ -254,7 +271,8 @@ def _unseen_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
     candidates += _inner(inclusion.quantities)
     for values, w in product(candidates, _inner(inclusion.outputs)):
         if leaves_unseen(inclusion, values, w):
-            yield Word(((Arc(inclusion.sampling.T_max, values),),), (w,) if w else ())
+            gaps = inclusion.sampling.gaps or (inclusion.sampling.T_max,)
+            yield Word(tuple((Arc(gap, values),) for gap in gaps), (w,) * len(gaps) if w else ())
 
 
 def _inner(quantities: tuple[Quantity, ...]) -> list[tuple[Exact, ...]]:
@@ -271,7 +289,7 @@ def _switching_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
     """Bang-bang slopes over one or several periods: what `switching` proposes, the most unstable first."""
     from cdobs_cli.certify.switching import propose
 
-    if not _finite(inclusion.floats):
+    if not all(map(_finite, inclusion.phases_floats)):
         return
     for proposal in propose(inclusion, effort)[:4]:
         if proposal.radius < 1 - _SLACK:
@@ -332,6 +350,27 @@ def _constant_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
     found.sort(key=lambda item: -item[0])
     for _, T, corner, w in found[:8]:
         yield Word(((Arc(T, _values(inclusion, corner)),),), (w,) if w else ())
+
+
+def _cyclic_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
+    """Constant slopes over a hyperperiod: corners, of flow and of all jumps, the middle and the slopes nearest to 0;
+    the most unstable in floats first."""
+    phases, gaps = inclusion.phases_floats, inclusion.sampling.gaps
+    if not all(map(_finite, phases)):
+        return
+    slopes = [_values(inclusion, corner) for corner in islice(candidate_corners(inclusion), 2**_ALL_CORNERS)]
+    slopes += _inner(inclusion.quantities) if inclusion.quantities else []
+    flows = np.array([phases[0].flow(tuple(map(float, values))) for values in slopes])
+    steps = {gap: exponentials(flows * float(gap)) for gap in set(gaps)}
+    found = []
+    for bits in islice(product((False, True), repeat=len(inclusion.outputs)), _MOST_JUMPS):
+        w = ends_of(inclusion.outputs, bits)
+        jumps = [maps.jump_at(tuple(map(float, w))) for maps in phases]
+        radii = spectral_radii(cycle((steps[gap] for gap in gaps), jumps))
+        found += [(rho, values, w) for rho, values in zip(radii, slopes, strict=True) if rho >= 1 - _SLACK]
+    found.sort(key=lambda item: -item[0])
+    for _, values, w in found[:8]:
+        yield Word(tuple((Arc(gap, values),) for gap in gaps), (w,) * len(gaps) if w else ())
 
 
 def _mean_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
@@ -441,20 +480,22 @@ def every_gain_fails_from(inclusion: HybridInclusion) -> str | None:
 def slowest_decay(inclusion: HybridInclusion) -> arb | None:
     """A rate that the error certainly does not exceed: -ln(rho) / T of the sampled error at the worst corner of the
     slope box and of the jump, at the largest period; None where no corner gives one (or the loop is unstable there)."""
-    T = inclusion.sampling.T_max
-    maps, exact = inclusion.floats, inclusion.balls
+    law = inclusion.sampling
+    gaps = law.gaps or (law.T_max,)
+    phases, exact = inclusion.phases_floats, inclusion.phases_balls
     corners = [_values(inclusion, corner) for corner in candidate_corners(inclusion)]
-    flows = np.array([maps.flow(tuple(float(v) for v in corner)) for corner in corners])
+    flows = np.array([phases[0].flow(tuple(float(v) for v in corner)) for corner in corners])
     if not np.all(np.isfinite(flows)):
         return None
-    jumps = list(islice(maps.jumps(), _MOST_JUMPS))
+    jumps = list(zip(*(islice(maps.jumps(), _MOST_JUMPS) for maps in phases), strict=True))
     with np.errstate(all="ignore"):  # overflow at periods beyond any use
-        steps = exponentials(flows * float(T))
-        radii = np.array([spectral_radii(J @ steps) for J in jumps])
+        steps = {gap: exponentials(flows * float(gap)) for gap in set(gaps)}
+        radii = np.array([spectral_radii(cycle((steps[gap] for gap in gaps), J)) for J in jumps])
     number, worst = np.unravel_index(int(np.argmax(radii)), radii.shape)
-    Phi = exact.flow(tuple(v.scalar for v in corners[int(worst)])).exp(T.scalar)
-    J = next(islice(exact.jumps(), int(number), None))
-    rho = spectral_radius_lower(J @ Phi)
+    F = exact[0].flow(tuple(v.scalar for v in corners[int(worst)]))
+    Phi = {gap: F.exp(gap.scalar) for gap in set(gaps)}
+    J = [next(islice(maps.jumps(), int(number), None)) for maps in exact]
+    rho = spectral_radius_lower(cycle((Phi[gap] for gap in gaps), J))
     if not 0 < rho < 1:
         return None
-    return -rho.log() / T.ball()
+    return -rho.log() / (law.hyperperiod if law.is_multirate else law.T_max).ball()

@@ -151,7 +151,7 @@ def judgement_of(card: Card, plant: Plant, design: Design, effort: int) -> Judge
 
 def _has_gain(card: Card, plant: Plant, design: Design) -> bool:
     gain = design.gain.get(card.letter)
-    return design.outcome != "none" and gain is not None and gain.shape == (plant.n, plant.p)
+    return design.outcome != "none" and gain is not None and gain.shape == plant.gain_shape
 
 
 def judge(card: Card, plant: Plant, design: Design, effort: int) -> Check:
@@ -189,7 +189,7 @@ def _judged(
         if stored is None or not wanted(stored.method):
             continue
         gain = stored.gain
-        if gain is not None and gain[card.letter].shape != (question.plant.n, question.plant.p):
+        if gain is not None and gain[card.letter].shape != question.plant.gain_shape:
             continue
         about = question if gain is None else question.with_gain(gain)
         items.append(Judged(stored.method, stored.method.prove(about), gain))
@@ -421,12 +421,13 @@ def _lost_by_every_gain(judgement: Judgement) -> list[Claim]:
 
 def _intervals(question: Question) -> list[Claim]:
     """For a linear plant: the constant periods that this gain survives, lost and regained as they grow."""
-    T = float(question.law.T_max)
+    T = float(question.law.period)
     intervals = stable_intervals(question.inclusion, T / 1000, 20 * T) if is_linear(question.inclusion) else []
     if not intervals:
         return []
     listed = ", ".join(f"[{interval.low}, {interval.high}]" for interval in intervals[:12])
-    statement = f"The error converges at every constant period in {listed}."
+    which = "every shortest period" if question.law.is_multirate else "every constant period"
+    statement = f"The error converges at {which} in {listed}."
     how = "spectral radius, balls of periods"
     return [
         Claim(

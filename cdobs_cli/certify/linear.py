@@ -1,4 +1,5 @@
-"""Linear error systems sampled periodically: the constant periods at which rho(J exp(A T)) < 1.
+"""Linear error systems sampled periodically: the constant periods at which rho(J exp(A T)) < 1. Of sensors with periods
+in proportion, with the gaps g_q T of a hyperperiod, those at which rho(J_0 exp(A g_(Q-1) T) .. J_1 exp(A g_0 T)) < 1.
 
 Stability may be lost and regained as the period grows, so what is known is a list of intervals. Floats find
 the ends; each interval, a little smaller, is proved for every period in it by balls of periods.
@@ -6,9 +7,10 @@ the ends; each interval, a little smaller, is proved for every period in it by b
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -16,27 +18,46 @@ from cdobs_cli.certify.ball import has_spectral_radius_below
 from cdobs_cli.certify.cover import covered
 from cdobs_cli.certify.floats import exponentials, spectral_radii
 from cdobs_cli.exact.functions import fraction_ball
+from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, decimal_text
 from cdobs_cli.hybrid import HybridInclusion
+from cdobs_cli.sampling import SamplingLaw
 
+M_ = TypeVar("M_")
 _POINTS = 1500
 _CELLS, _FEW = 4000, 400
 _NARROWEST = Fraction(1, 10**12)
 _CLOSE = (Fraction(1, 10**6), Fraction(1, 10**4), Fraction(1, 100))
+_BELOW, _BEYOND = 0.99, 20  # of a period: how far about it ends are looked for
 _LOOSE = (Fraction(1, 10**4), Fraction(1, 100))
 
 
 @dataclass(frozen=True)
 class StableInterval:
-    """Every constant period in [low, high] is proved to let the error converge."""
+    """Every constant period (of sensors: the shortest) in [low, high] is proved to let the error converge."""
 
     low: Exact
     high: Exact
 
 
 def is_linear(inclusion: HybridInclusion) -> bool:
-    """No uncertain slope, of the flow or of the outputs, one constant period."""
-    return not (inclusion.quantities or inclusion.outputs) and inclusion.sampling.is_periodic
+    """No uncertain slope, of the flow or of the outputs, one constant period or those of several sensors."""
+    law = inclusion.sampling
+    return not (inclusion.quantities or inclusion.outputs) and (law.is_periodic or law.is_multirate)
+
+
+def gap_shares(law: SamplingLaw) -> list[Fraction]:
+    """From each sample of a hyperperiod to the next, in periods; 1 where all are alike."""
+    return [phase.gap for phase in law.phases] or [Fraction(1)]
+
+
+def product(flows: Iterable[M_], jumps: Sequence[M_]) -> M_:
+    """J_0 Phi_(m-1) .. J_1 Phi_0 of the flows of one sample after the other, the jumps of samples in turn from J_0."""
+    total: Any = None
+    for k, Phi in enumerate(flows, start=1):
+        J: Any = jumps[k % len(jumps)]
+        total = J @ Phi if total is None else J @ Phi @ total
+    return total  # type: ignore[no-any-return]
 
 
 def stable_intervals(inclusion: HybridInclusion, shortest: float, longest: float) -> list[StableInterval]:
@@ -58,15 +79,36 @@ def stable_interval(inclusion: HybridInclusion, T: float, shortest: float, longe
     return None
 
 
+def stable_ends(inclusion: HybridInclusion, T: float, shortest: float, longest: float) -> Iterator[Exact]:
+    """Periods just inside the ends of the intervals that floats find, those of the one that holds T first, of each the
+    nearest to its end first: to be proved one by one, where balls of periods are too wide for a whole hyperperiod."""
+    candidates = _candidates(inclusion, shortest, longest)
+    for _, high in sorted(candidates, key=lambda ends: not ends[0] <= T <= ends[1]):
+        yield from (Exact(decimal_text(Fraction(high) * (1 - margin), 9)) for margin in _CLOSE)
+
+
+def lost_above(inclusion: HybridInclusion, T: float) -> Iterator[Exact]:
+    """Periods just above the end of the interval round T, or of the first beyond it, at which floats still see errors
+    decay: the nearest to the end first."""
+    ends = (high for low, high in _candidates(inclusion, T * _BELOW, T * _BEYOND) if high >= T)
+    end = next(ends, T)
+    yield from (Exact(decimal_text(Fraction(end) * (1 + margin), 9)) for margin in _CLOSE)
+
+
 def _candidates(inclusion: HybridInclusion, shortest: float, longest: float) -> list[tuple[float, float]]:
     """Intervals of periods at which the spectral radius is below 1, in floats."""
-    maps = inclusion.floats
-    if not is_linear(inclusion) or not 0 < shortest < longest or not np.all(np.isfinite(maps.base)):
+    if not is_linear(inclusion) or not 0 < shortest < longest:
         return []
+    phases, gaps = inclusion.phases_floats, np.array(gap_shares(inclusion.sampling), dtype=float)
+    base, jumps = phases[0].base, [maps.jump for maps in phases]
+    if not all(np.all(np.isfinite(one)) for one in (base, *jumps)):
+        return []
+    lengths, which = np.unique(gaps, return_inverse=True)
 
     def stable(T: float) -> bool:
         with np.errstate(all="ignore"):
-            return float(spectral_radii(maps.jump @ exponentials(maps.base[None] * T))[0]) < 1
+            Phi = exponentials(base * (lengths * T)[:, None, None])
+            return float(spectral_radii(product(Phi[which], jumps)[None])[0]) < 1
 
     grid = np.unique(np.concatenate([np.linspace(shortest, longest, _POINTS), np.geomspace(shortest, longest, 300)]))
     inside = np.array([stable(T) for T in grid])
@@ -100,11 +142,15 @@ def _prove(
 
 def _falls(inclusion: HybridInclusion) -> Callable[[Fraction, Fraction], bool]:
     """Whether rho(J exp(A T)) < 1 for every T in [a, b]: exp(A T) = exp(A (T - m)) exp(A m), m the middle."""
-    maps = inclusion.balls
+    phases, gaps = inclusion.phases_balls, gap_shares(inclusion.sampling)
+    A, jumps = phases[0].base, [maps.jump for maps in phases]
 
     def falls(a: Fraction, b: Fraction) -> bool:
-        half = fraction_ball((b - a) / 2)
-        Phi = maps.base.exp((-half).union(half)) @ maps.base.exp((a + b) / 2)
-        return has_spectral_radius_below(maps.jump @ Phi)
+        def over(gap: Fraction) -> Matrix:
+            half = fraction_ball((b - a) / 2 * gap)
+            return A.exp((-half).union(half)) @ A.exp((a + b) / 2 * gap)
+
+        Phi = {gap: over(gap) for gap in set(gaps)}
+        return has_spectral_radius_below(product((Phi[gap] for gap in gaps), jumps))
 
     return falls

@@ -8,7 +8,7 @@ equal slopes are then merged and their lengths refined. What comes out is only p
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, product
 from typing import TYPE_CHECKING, Any
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 _SLOTS = (0, 12, 20, 32)  # slots a period, by effort
 _PERIODS = (0, 2, 3, 4)  # longest words, by effort
 _STARTS = (0, 4, 8, 16)
+_FEWEST = 4  # slots a period, of a long hyperperiod
 _MULTIPLES = 4  # of a period whose samples may be lost
 _SWEEPS = 12
 _PROMISING = 0.985  # a radius from which lengths are refined
@@ -46,16 +47,17 @@ class Proposal:
 def propose(inclusion: HybridInclusion, effort: int) -> list[Proposal]:
     """Words of one to several sampling periods with the largest spectral radii met, best first."""
     level = max(0, min(effort, 3))
-    maps = inclusion.floats
+    phases = inclusion.phases_floats
+    maps = phases[0]
     if level == 0 or not (maps.lower or maps.jump_lower):  # without slopes the periods alone are left: `period_words`
         return []
-    return propose_for(maps, list(_period_words(inclusion, _PERIODS[level])), level)
+    return propose_for(phases, list(_period_words(inclusion, _PERIODS[level])), level)
 
 
-def propose_for(maps: ErrorMaps[Array], words: list[tuple[Exact, ...]], level: int) -> list[Proposal]:
-    """The same for maps in floats and given sampling periods of each word."""
+def propose_for(phases: Sequence[ErrorMaps[Array]], words: list[tuple[Exact, ...]], level: int) -> list[Proposal]:
+    """The same for maps in floats, those of samples in turn, and given sampling periods of each word."""
     with np.errstate(all="ignore"):
-        search = _Search(maps, _SLOTS[level])
+        search = _Search(phases, max(_FEWEST, 2 * round(_SLOTS[level] / len(phases) / 2)))
         found = [proposal for word in words for proposal in search.word(word, _STARTS[level])]
     return sorted(found, key=lambda proposal: -proposal.radius)
 
@@ -63,6 +65,9 @@ def propose_for(maps: ErrorMaps[Array], words: list[tuple[Exact, ...]], level: i
 def _period_words(inclusion: HybridInclusion, longest: int) -> Iterator[tuple[Exact, ...]]:
     """Sampling periods of the words: all equal under a periodic law, mixed under an interval."""
     law = inclusion.sampling
+    if law.is_multirate:
+        yield from (law.gaps * count for count in range(1, longest + 1))
+        return
     T, low = law.T_max, law.T_min
     if T.sign() != 1:
         return
@@ -88,12 +93,15 @@ def _period_words(inclusion: HybridInclusion, longest: int) -> Iterator[tuple[Ex
 class _Search:
     """Policy iteration for one inclusion."""
 
-    def __init__(self, maps: ErrorMaps[Array], slots: int) -> None:
-        self.maps, self.slots = maps, slots
+    def __init__(self, phases: Sequence[ErrorMaps[Array]], slots: int) -> None:
+        self.phases, self.slots = phases, slots
+        self.maps = maps = phases[0]
         self.parts = np.array(maps.parts).reshape(-1, *maps.base.shape)  # (k, N, N)
         self.lower, self.upper = np.array(maps.lower, dtype=float), np.array(maps.upper, dtype=float)
         self.k, self.m = len(self.lower), len(maps.jump_lower)
-        self.jump_parts = np.array(maps.jump_parts).reshape(-1, *maps.base.shape)
+        # (phases, m, N, N)
+        parts = [np.array(one.jump_parts).reshape(-1, *maps.base.shape) for one in phases]
+        self.jump_parts = np.array(parts)
         self.known: dict[tuple[bytes, float], Array] = {}
         self.half = (np.array(maps.jump_upper, dtype=float) - np.array(maps.jump_lower, dtype=float)) / 2
 
@@ -123,9 +131,14 @@ class _Search:
 
     def _jumps(self, at_jumps: Any) -> Array:
         """The jump after each period, (W, N, N)."""
-        deviations = np.where(at_jumps, self.half, -self.half)
-        jumps: Array = self.maps.jump + np.einsum("wm,mij->wij", deviations, self.jump_parts)
+        deviations, which = np.where(at_jumps, self.half, -self.half), self._ends(len(at_jumps))
+        middle = np.array([maps.jump for maps in self.phases])[which]
+        jumps: Array = middle + np.einsum("wm,wmij->wij", deviations, self.jump_parts[which])
         return jumps
+
+    def _ends(self, W: int) -> Any:
+        """The number of the sample that ends each period of a word."""
+        return np.arange(1, W + 1) % len(self.phases)
 
     def _improve(self, bits: Any, at_jumps: Any, lengths: Array, W: int) -> tuple[float, Any, Any]:
         size = bits.size
@@ -180,7 +193,8 @@ class _Search:
             return radius, None
         middle_e, middle_p = (cycle.e + cycle.e_end) / 2, (cycle.p + cycle.p_end) / 2
         gradient = np.einsum("si,kij,sj->sk", middle_p, self.parts, middle_e)
-        of_jumps = np.einsum("wi,mij,wj->wm", cycle.p_jump, self.jump_parts, cycle.e_end[list(ends)])
+        parts = self.jump_parts[self._ends(W)]
+        of_jumps = np.einsum("wi,wmij,wj->wm", cycle.p_jump, parts, cycle.e_end[list(ends)])
         return radius, np.real(np.concatenate([gradient.ravel(), of_jumps.ravel()]))
 
     def _merge(self, bits: Any, lengths: Array, W: int) -> tuple[tuple[tuple[float, tuple[bool, ...]], ...], ...]:

@@ -39,6 +39,8 @@ class Family(BaseModel, ABC):
     disturbed: ClassVar[bool] = False
     # Whether samples of a constant period may be lost.
     takes_losses: ClassVar[bool] = False
+    # Whether sensors may have periods and offsets of their own.
+    takes_sensors: ClassVar[bool] = False
 
     @classmethod
     def example(cls) -> str:
@@ -60,6 +62,10 @@ class Family(BaseModel, ABC):
             more = f"or ask for more: sampling: {{min_period: {law.T_min}, max_period: {law.T_max}}}"
             hint = more if law.is_lossy else None
             yield Problem(("measurement", "lost"), "family reachability takes lost samples", self.name, hint=hint)
+        if law.is_multirate and not self.takes_sensors:
+            what = "family reachability takes sensors with periods or offsets of their own"
+            more = "or read all of them at one period: C, sampling: {period: ..}"
+            yield Problem(("measurement", "sensors"), what, self.name, hint=f"write family: reachability, {more}")
 
     def problems(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:
         """What `validate` can see without linear algebra: a structure the family does not take, shapes of a

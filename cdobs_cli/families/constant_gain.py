@@ -108,11 +108,13 @@ class ConstantGain(Family):
     def resolved(self, plant: Plant, horizon: float | None) -> Self:
         """Under max_period a rate that is left out is that of an error that falls to 1 % within the horizon, or within
         50 of the typed periods."""
-        if self.objective != "max_period" or self.rate_at_least is not None or not plant.sampling.is_bounded:
+        law = plant.sampling
+        known = law.is_bounded or law.is_multirate
+        if self.objective != "max_period" or self.rate_at_least is not None or not known:
             return self
         from cdobs_cli.exact.numbers import Exact, decimal_text
 
-        time = horizon if horizon is not None else _PERIODS * float(plant.sampling.T_max)
+        time = horizon if horizon is not None else _PERIODS * float(law.period if law.is_multirate else law.T_max)
         return self.model_copy(update={"rate_at_least": Exact(decimal_text(log(100) / time, 4))})
 
     def rungs(self, question: Question) -> Sequence[Rung]:
@@ -156,7 +158,8 @@ class ConstantGain(Family):
         from cdobs_cli.hybrid import HybridInclusion
 
         # Without a design: what no gain helps against is seen without one.
-        held = gain or {self.letter: ExactMatrix([[0] * plant.p for _ in range(plant.n)])}
+        rows, columns = plant.gain_shape
+        held = gain or {self.letter: ExactMatrix([[0] * columns for _ in range(rows)])}
         return HybridInclusion(
             self.error_maps, plant, held, plant.sampling, plant.slopes.quantities, self.noise_maps
         )  # fmt: skip

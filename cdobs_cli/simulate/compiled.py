@@ -98,7 +98,8 @@ def source(loop: ClosedLoop, limits: Limits) -> str:
     return "\n".join([
         PRELUDE, *(f"#define {name} {value}" for name, value in _sizes(layout).items()), "",
         written("flow", routines["flow"]), written("measure", routines["measure"], "v"),
-        written("jump", routines["jump"], "m"), written("control", routines["control"]),
+        *(written(f"jump_{q}", jump, "m") for q, jump in enumerate(loop.jumps)), _jump(len(loop.jumps)),
+        written("control", routines["control"]),
         written("trigger", routines["trigger"]), c_function("look", _STATE, look, reads),
         c_function("noise_of", "double t, const double *draw", noise, {"t": "t"} | draws),
         _step(), _dense(), Path(__file__).with_name("engine.c").read_text(encoding="ascii"),
@@ -121,6 +122,16 @@ def _sizes(layout: Layout) -> dict[str, Any]:
         "SEEN": places["SEEN"], "RTOL": number(method.RTOL),
         "ROOT_FINE": number(trigger.FINE), "ROOT_ITERATIONS": trigger.ITERATIONS,
     }  # fmt: skip
+
+
+def _jump(phases: int) -> str:
+    """The jump of each sample, those of samples in turn where they differ."""
+    lines = [
+        "static void jump(long index, double t, const double *y, const double *held, const double *m, double *out)"
+    ]
+    lines += ["{", f"    switch (index % {phases}) {{"]
+    lines += [f"    case {q}: jump_{q}(t, y, held, m, out); break;" for q in range(phases)]
+    return "\n".join([*lines, "    }", "}", ""])
 
 
 def _sum(weights: Sequence[float]) -> str:
@@ -181,7 +192,7 @@ class _Batch(ctypes.Structure):
         + [(name, ctypes.c_void_p) for name in (
             "grid", "low", "high", "factor", "ends", "y0", "held0", "before0", "measured0", "limit", "instants",
             "noise", "disturbance")]
-        + [("instants_each", ctypes.c_long), ("log", ctypes.c_void_p), ("samples", ctypes.c_void_p)]
+        + [("unread", ctypes.c_void_p), ("phases", ctypes.c_long), ("instants_each", ctypes.c_long), ("log", ctypes.c_void_p), ("samples", ctypes.c_void_p)]
         + [(name, ctypes.c_long) for name in ("log_rows", "sample_rows")]
         + [(name, ctypes.c_void_p) for name in (
             "log_from", "samples_from", "code", "steps", "which", "stop_t", "stop_y", "stop_held", "margin", "first",
@@ -219,7 +230,8 @@ class Compiled:
 
         Args:
             numbers: what engine.c needs, by its names: `grid` (G,), `code`, `limit` (R,), `y0` (n, R), `held0` (c, R),
-                `before0` (n + c, R), `measured0` (p, R), `instants` (R, K) or None, and the limits of work.
+                `before0` (n + c, R), `measured0` (p, R), `instants` (R, K) or None, `unread` (phases, p), and the limits of
+                work.
         """
         fields = dict(numbers) | self._constants(disturbance)
         instants = fields.pop("instants")
@@ -230,6 +242,7 @@ class Compiled:
             "instants": np.zeros(1) if chooses else instants,
             "instants_each": 0 if chooses else instants.shape[1],
         }
+        fields |= {"phases": len(fields["unread"]), "unread": np.ascontiguousarray(fields["unread"], dtype=np.int64)}
         outcome = Outcome.empty(fields["runs"], self.layout.loop, len(self.layout.rows()["LIMIT"]))
         outcome.code[:] = fields.pop("code")
         samples = _GUESS if chooses else instants.shape[1] + 1

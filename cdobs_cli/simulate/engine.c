@@ -22,7 +22,8 @@ typedef struct {
     const double *grid, *low, *high, *factor, *ends;
     /* By run: start, what is held, both before the first jump; the first measurement; the limit of the error. */
     const double *y0, *held0, *before0, *measured0, *limit, *instants, *noise, *disturbance;
-    long instants_each;
+    const long *unread;
+    long phases, instants_each;
     /* What comes out. */
     double *log, *samples;
     long log_rows, sample_rows;
@@ -415,10 +416,15 @@ static int sample(Run *run)
         }
     measure(run->t, run->y, run->held, v, measured);
     double elapsed = run->t - run->held[LAST];
-    jump(run->t, run->y, run->held, measured, after);
+    for (int k = 0; k < OUTPUTS && b->phases; k++)
+        if (b->unread[run->index % b->phases * OUTPUTS + k])
+            measured[k] = NAN;
+    jump(run->index, run->t, run->y, run->held, measured, after);
     run->next = b->chooses ? HUGE_VAL : b->instants[run->r * b->instants_each + run->index];
     memcpy(since, run->held, sizeof since);
-    memcpy(since + CONTROLS, measured, LAST_MEASURED * sizeof(double));
+    for (int k = 0; k < LAST_MEASURED; k++)
+        if (measured[k] == measured[k]) /* else not read at this sample */
+            since[CONTROLS + k] = measured[k];
     divide(run);
     if (DISTURBED && !disturb(run, since + CONTROLS + LAST_MEASURED))
         return 0;

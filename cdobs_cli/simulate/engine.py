@@ -120,6 +120,7 @@ class _Simulation:
         self.noise = Noise(signals, self.draws)
         self.max_samples = min(MAX_SAMPLES, max(100, MAX_SAMPLES_TOGETHER // together))
         chooses = system.observer.trigger is not None
+        self.unread = law.unread(system.plant.p)
         self.timetable = None if chooses else Timetable(law, plan, self.draws, self.max_samples)
         self.max_steps = min(max_steps, MAX_STEPS, max(1000, MAX_STEPS_TOGETHER // together))
         self.integrator = Flow(self.loop, self.horizon, self.max_steps, self.runs, together)
@@ -155,11 +156,11 @@ class _Simulation:
         _, _, _, before, _ = self.record.sides.entries[0]
         _, _, measured = self.record.measured[0]
         progress, watch = self.progress, self.watch
-        instants = self._instants()
         numbers = {
             "horizon": self.horizon, "runs": self.runs, "max_steps": self.max_steps, "max_samples": self.max_samples,
             "grid": self.grid, "y0": progress.y, "held0": progress.held, "before0": before, "measured0": measured,
-            "limit": watch.limit, "instants": instants, "code": np.where(watch.halted, Ending.START, Ending.HORIZON),
+            "limit": watch.limit, "instants": self._instants(), "unread": self._unread(),
+            "code": np.where(watch.halted, Ending.START, Ending.HORIZON),
         }  # fmt: skip
         ended = watch.halted.copy()
         made = compiled.run(numbers, self.disturbance, self.draws)
@@ -177,6 +178,13 @@ class _Simulation:
                 held, sentence = progress.held[:, run], watch.reasons[reason]
                 watch.halt(run, *here, held, sentence, diverged=reason == 0)
         return log, samples
+
+    def _unread(self) -> Integers:
+        """1 where a sample of the pattern does not read an output, shape (phases, p); empty where all read all."""
+        table = np.zeros((len(self.unread), self.loop.plant.p), dtype=np.int64)
+        for phase, outputs in enumerate(self.unread):
+            table[phase, outputs] = 1
+        return table
 
     def _instants(self) -> Array | None:
         """All sampling instants after the first, shape (R, K), infinite after the horizon; None where the observer
@@ -228,7 +236,7 @@ class _Simulation:
         x = self._initial_states()
         no_observer = np.zeros((self.loop.size - len(x), self.runs))
         held = np.zeros((len(self.loop.held), self.runs))
-        measured = self.loop.measure(zeros, np.concatenate([x, no_observer]), held, self.noise.at(runs, 0, zeros))
+        measured = self._measured(runs, 0, zeros, np.concatenate([x, no_observer]), held)
         y = self.loop.start(measured, self.box, self._initial_estimate(), x)
         held_before = self.loop.hold(zeros, y, held, measured, self.disturbance.before(runs))
         self.progress = Progress.start(zeros.copy(), y, held_before)
@@ -239,14 +247,20 @@ class _Simulation:
     def _sample(self, runs: Integers, index: int) -> None:
         """Measure sample number `index` of the given runs, and jump."""
         t, y, held = self.progress.at(runs)
+        self._jump(runs, index, self._measured(runs, index, t, y, held), jumps=True)
+
+    def _measured(self, runs: Integers, index: int, t: Array, y: Array, held: Array) -> Array:
+        """What sample number `index` reads; outputs that it does not read are not a number."""
         measured = self.loop.measure(t, y, held, self.noise.at(runs, index, t))
-        self._jump(runs, index, measured, jumps=True)
+        if self.unread:
+            measured[self.unread[index % len(self.unread)]] = np.nan
+        return measured
 
     def _jump(self, runs: Integers, index: int, measured: Array, *, jumps: bool) -> None:
         """x+ = g(x-, y_k), then what is held, then the next sampling instant."""
         t, y, held = self.progress.at(runs)
         elapsed = t - held[-1]
-        after = self.loop.jump(t, y, held, measured) if jumps else y
+        after = self.loop.jump(index, t, y, held, measured) if jumps else y
         unknown = np.full(len(runs), np.inf)
         self.next[runs] = unknown if self.timetable is None else self.timetable.after(runs, index, t)
         self.disturbance.at_sample(runs, index, t, self.next[runs])

@@ -94,15 +94,17 @@ class ClosedLoop:
         self.routines = {
             "flow": self._routine(system.flow),
             "measure": self._routine(system.measurement, signals.noise),
-            "jump": self._routine(system.jump, [f"y.{k}" for k in range(self.plant.p)]),
             "control": self._routine(tuple(self.observer.control.values())),
             "see": self._routine(seen),
             "trigger": self._routine(trigger),
         }
+        measured = [f"y.{k}" for k in range(self.plant.p)]
+        self.jumps = [self._routine(jump, measured) for jump in system.jumps]
         self.flow = self.routines["flow"].rows
-        self._measure, self._jump, self._control, self._see, self._trigger = (
-            self.routines[name].arrays() for name in ("measure", "jump", "control", "see", "trigger")
+        self._measure, self._control, self._see, self._trigger = (
+            self.routines[name].arrays() for name in ("measure", "control", "see", "trigger")
         )
+        self._jumps = [jump.arrays() for jump in self.jumps]
 
     def _estimate(self) -> dict[str, Expression]:
         """What `hat.<state>` stands for in a signal: the estimate reported, or the middle of its bounds."""
@@ -147,8 +149,10 @@ class ClosedLoop:
     def measure(self, t: Array, y: Array, held: Array, noise: Array) -> Array:
         return stacked(self._measure(t, *y, *held, *noise), len(t))
 
-    def jump(self, t: Array, y: Array, held: Array, measured: Array) -> Array:
-        return stacked(self._jump(t, *y, *held, *measured), len(t))
+    def jump(self, index: int, t: Array, y: Array, held: Array, measured: Array) -> Array:
+        """After sample number `index`."""
+        jump = self._jumps[index % len(self._jumps)]
+        return stacked(jump(t, *y, *held, *measured), len(t))
 
     @property
     def disturbance_rows(self) -> slice:
@@ -158,8 +162,12 @@ class ClosedLoop:
 
     def hold(self, t: Array, y: Array, held: Array, measured: Array, d: Array) -> Array:
         """What is held from a sample at t on: the controlled inputs, evaluated after the jump, what was measured where
-        an input reads it, the disturbance d where it is drawn, and t itself."""
-        kept = np.concatenate([measured[: len(self.last_measured)], d, t[None]])
+        an input reads it (last, where this sample does not read it), the disturbance d where it is drawn, and t
+        itself."""
+        start, count = len(self.controls), len(self.last_measured)
+        seen = measured[:count]
+        last = np.where(np.isnan(seen), held[start : start + count], seen)
+        kept = np.concatenate([last, d, t[None]])
         since = np.concatenate([held[: len(self.controls)], kept])
         return np.concatenate([stacked(self._control(t, *y, *since), len(t)), kept])
 

@@ -20,7 +20,8 @@ class Timetable:
 
     periodic: t_k = k T. aperiodic: T_k drawn uniformly from (T_min, T_max] with the seed, or `sampling_times` at t_k.
     lossy: after each sample that arrives 0 to `lost` of those that follow are lost, each number as often as the others.
-    random: each is lost with the law's probability. An instant within rounding of the horizon is the horizon.
+    random: each is lost with the law's probability. multirate: at the times of its phases. An instant within rounding
+    of the horizon is the horizon.
 
     Raises:
         SpecError: a law that needs more samples than one run may have, or a typed period outside the law.
@@ -30,13 +31,15 @@ class Timetable:
         self.low, self.high, self.periodic = float(law.T_min), float(law.T_max), law.is_periodic
         self.horizon, self.draws = float(plan.horizon), draws
         self.lost, self.probability = law.lost, float(law.probability)
+        self.gaps = np.array([float(gap) for gap in law.gaps])
         self.slots = np.zeros(plan.runs)  # samples so far, lost ones too, of each run
         self._typed = None if plan.sampling_times is None else compile_floats([plan.sampling_times], ["t"], arrays=True)
         if not self.high > 0:
             raise SpecError.at(
                 ("measurement", "sampling"), "no sampling period above 0", str(law.document()), "a positive period"
             )
-        samples = self.horizon / ((self.low + self.high) / 2)
+        mean = float(self.gaps.mean()) if self.gaps.size else (self.low + self.high) / 2
+        samples = self.horizon / mean
         if self._typed is None and samples >= max_samples:
             got, allowed = f"about {samples:.3g} a run", f"{max_samples} a run"
             hint = "shorten the horizon or lengthen the period"
@@ -46,7 +49,7 @@ class Timetable:
         """The instants that follow sample number `index`, which was at t (len(runs),)."""
         if self._typed is not None:
             period = stacked(self._typed(t), len(t))[0]
-            self._refuse_outside(t, period)
+            self._refuse_outside(index, t, period)
             after = t + period
         elif self.probability:
             share = 1.0 - self.draws.at("periods", "uniform", 0, runs, index)  # in (0, 1]
@@ -58,6 +61,9 @@ class Timetable:
             share = self.draws.at("periods", "uniform", 0, runs, index)
             self.slots[runs] += 1 + np.minimum(np.floor(share * (self.lost + 1)), self.lost)
             after = self.slots[runs] * self.low
+        elif self.gaps.size:
+            patterns, phase = divmod(index + 1, len(self.gaps))
+            after = np.full(len(t), patterns * self.gaps.sum() + self.gaps[:phase].sum())
         elif self.periodic:
             after = np.full(len(t), (index + 1) * self.high)
         else:
@@ -66,8 +72,11 @@ class Timetable:
             after = t + self.low + (self.high - self.low) * share
         return np.where(np.abs(after - self.horizon) <= 1e-12 * self.horizon, self.horizon, after)
 
-    def _refuse_outside(self, t: Array, period: Array) -> None:
-        wrong = ~((period > 0) & (period >= self.low * (1 - _SLACK)) & (period <= self.high * (1 + _SLACK)))
+    def _refuse_outside(self, index: int, t: Array, period: Array) -> None:
+        low, high = self.low, self.high
+        if self.gaps.size:
+            low = high = float(self.gaps[index % len(self.gaps)])
+        wrong = ~((period > 0) & (period >= low * (1 - _SLACK)) & (period <= high * (1 + _SLACK)))
         if self.probability:
             wrong = ~(period > 0)
         if self.lost or self.probability:
@@ -76,5 +85,5 @@ class Timetable:
             first = int(np.argmax(wrong))
             got = f"T_k = {period[first]:.9g} at t_k = {t[first]:.9g}"
             whole = f"a multiple of {self.low:.9g} " if self.lost or self.probability else ""
-            allowed = f"{whole}above 0, in [{self.low:.9g}, {self.high:.9g}]"
+            allowed = f"{whole}above 0, in [{low:.9g}, {high:.9g}]"
             raise SpecError.at(("simulation", "sampling_times"), "a period outside the sampling law", got, allowed)

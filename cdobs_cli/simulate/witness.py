@@ -84,12 +84,13 @@ def replay(inclusion: HybridInclusion, witness: Witness) -> Replay:
         raise UsageError(f"a witness that cannot be read: {error}") from error
     if not is_about(witness, inclusion) or any(len(row) != len(inclusion.entries) for row in witness.values):
         raise UsageError("a witness of other slopes than this design's; run `cdobs check` again")
-    maps = inclusion.floats
-    size = maps.base.shape[0]
+    phases = inclusion.phases_floats
+    size = phases[0].base.shape[0]
     # One word, as arcs (times from the arc's start, exponentials at them, slopes) and the jump that follows.
     arcs: list[tuple[Array, Array, Array, Array | None]] = []
     M = np.eye(size)
-    for period, w in word.samples:
+    for k, (period, w) in enumerate(word.samples, start=1):
+        maps = phases[k % len(phases)]
         J = maps.jump_at(tuple(map(float, w)))
         for position, arc in enumerate(period):
             v = np.array([float(value) for value in arc.values])

@@ -96,7 +96,7 @@ def explain(error: ValidationError, model: type[BaseModel], value: Any, at: Fiel
     for item in error.errors(include_url=False):
         path, inner = _walk(value, item["loc"])
         kind, context = item["type"], item.get("ctx", {})
-        problem = Problem((*at, *path), _sentence(kind, item["msg"], context), shown(inner))
+        problem = Problem((*at, *path), _sentence(kind, item["msg"], context), shown(inner), hint=context.get("hint"))
         if kind == "extra_forbidden":
             problem = unknown_key(problem.field[:-1], str(item["loc"][-1]), sorted(_allowed(model, item["loc"][:-1])))
         elif kind == "missing":

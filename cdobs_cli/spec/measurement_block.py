@@ -3,18 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Discriminator, Field, Tag
+from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact
 from cdobs_cli.fields import NonNegativeNumber, PositiveNumber, Rows
 from cdobs_cli.sampling import MOST_LOST, SamplingLaw
+from cdobs_cli.sensors import Gains
 from cdobs_cli.spec.block import Block
 from cdobs_cli.spec.boxes import MAX_STATES, ordered, shape_problem
 from cdobs_cli.spec.noise_block import NoiseBlock, noise_problems
 from cdobs_cli.spec.plant_block import PlantBlock
+from cdobs_cli.spec.sensors_block import (
+    SensorsField,
+    one_law,
+    schedule,
+    sensor_problems,
+    shortest_period,
+    stacked_noise,
+    stacked_outputs,
+    stacked_rows,
+)
 
 
 class Periodic(Block):
@@ -54,6 +65,7 @@ SamplingField = Annotated[
     | Annotated[Aperiodic, Tag("varying period")]
     | Annotated[Updated, Tag("updated period")],
     Discriminator(_law),
+    BeforeValidator(one_law),
 ]
 
 
@@ -70,19 +82,42 @@ class LostBlock(Block):
 
 
 class MeasurementBlock(Block):
-    """y_k = C x(t_k) + v_k, and when."""
+    """y_k = C x(t_k) + v_k, and when; or the same of each sensor."""
 
-    required: ClassVar[tuple[str, ...]] = ("sampling",)
+    model_config = ConfigDict(json_schema_extra={"anyOf": [{"required": ["sampling"]}, {"required": ["sensors"]}]})
     C: Rows | None = None
     sampling: SamplingField | None = None
     noise: NoiseBlock | None = None
     lost: LostBlock | None = None
+    sensors: Annotated[
+        SensorsField | None,
+        Field(description="Instead of C, sampling and noise: sensors by name, with periods of their own."),
+    ] = None
+    gains: Annotated[
+        Gains | None,
+        Field(description="Of sensors: a gain for each sample of their common pattern, for each set of sensors that is "
+              "read together, or one, of which a sample uses the columns of what is read."),
+    ] = None  # fmt: skip
+
+    @property
+    def has_law(self) -> bool:
+        """Whether it says when samples come."""
+        return self.sampling is not None or self.sensors is not None
 
 
 def measurement_problems(
     measurement: MeasurementBlock, wrong_fields: set[str], plant: PlantBlock | None, states: tuple[str, ...] | None
 ) -> Iterator[Problem]:
-    """C against the number of states, noise against the number of outputs, periods in order."""
+    """C against the number of states, noise against the number of outputs, periods in order; sensors one by one."""
+    if measurement.sensors is not None or "sensors" in wrong_fields:
+        dynamics = None if plant is None else plant.dynamics is not None
+        yield from _beside_sensors(measurement, plant)
+        yield from sensor_problems(measurement.sensors or {}, wrong_fields, states, dynamics)
+        return
+    if measurement.gains is not None:
+        yield Problem(("measurement", "gains"), "goes with `sensors`, which are not given")
+    if measurement.sampling is None and "sampling" not in wrong_fields:
+        yield Problem(("measurement", "sampling"), "is required")
     if states is not None and measurement.C is not None:
         p, width = measurement.C.shape
         if width != len(states):
@@ -113,6 +148,28 @@ def measurement_problems(
         yield Problem(("measurement", "lost"), what, None, "with sampling: {period: ..}", hint)
 
 
+def _beside_sensors(measurement: MeasurementBlock, plant: PlantBlock | None) -> Iterator[Problem]:
+    """What each sensor has for itself."""
+    for name in ("C", "sampling", "noise", "lost"):
+        if getattr(measurement, name) is not None:
+            taken = "period, offset" if name == "sampling" else name
+            hint = "lost samples of sensors are not taken yet" if name == "lost" else f"give it to each sensor: {taken}"
+            yield Problem(("measurement", name), "does not go with `sensors`", hint=hint)
+    if plant is not None and plant.output is not None:
+        yield Problem(("plant", "output"), "does not go with `sensors`", hint="give it to each sensor: output: [..]")
+
+
+def together(plant: PlantBlock, measurement: MeasurementBlock) -> tuple[PlantBlock, MeasurementBlock]:
+    """Sensors without problems as one output: plant and measurement with what all of them measure, and its noise."""
+    sensors = measurement.sensors
+    if sensors is None:
+        return plant, measurement
+    if plant.dynamics is not None:
+        plant = plant.model_copy(update={"output": stacked_outputs(sensors, plant.states or ())})
+    C = None if plant.dynamics is not None else stacked_rows(sensors)
+    return plant, measurement.model_copy(update={"C": C, "noise": stacked_noise(sensors)})
+
+
 def _loss_problems(lost: LostBlock, wrong_fields: set[str]) -> Iterator[Problem]:
     at = ("measurement", "lost")
     typed = [name for name in ("at_most", "probability") if getattr(lost, name) is not None]
@@ -125,7 +182,10 @@ def _loss_problems(lost: LostBlock, wrong_fields: set[str]) -> Iterator[Problem]
 
 
 def sampling_law(measurement: MeasurementBlock) -> SamplingLaw:
-    """The noun of `measurement.sampling`; equal ends are a constant period."""
+    """The noun of `measurement.sampling`, or of `sensors`; equal ends are a constant period."""
+    if measurement.sensors is not None:
+        sensors = measurement.sensors
+        return SamplingLaw.multirate(shortest_period(sensors), schedule(sensors), measurement.gains or "by_phase")
     law = measurement.sampling
     if isinstance(law, Periodic):
         lost = measurement.lost

@@ -27,7 +27,7 @@ from cdobs_cli.spec.block import Block, Text, is_identifier, placed, read_block
 from cdobs_cli.spec.boxes import MAX_STATES
 from cdobs_cli.spec.expect import Expectation, ExpectBlock, expect_problems, expectation
 from cdobs_cli.spec.limits import limit_problems
-from cdobs_cli.spec.measurement_block import MeasurementBlock, measurement_problems, sampling_law
+from cdobs_cli.spec.measurement_block import MeasurementBlock, measurement_problems, sampling_law, together
 from cdobs_cli.spec.plant_block import MAX_PARAMETERS, LabelsBlock, PlantBlock, plant_problems, typed_plant
 from cdobs_cli.spec.plant_file import read_plant_file
 from cdobs_cli.spec.reader import MAX_PROBLEMS, Document, FieldPath, read, shown
@@ -192,18 +192,23 @@ class _Loader:
         context = self.context(root.get("plant"))
 
         plant, plant_wrong = self.section(PlantBlock, root.get("plant"), "plant", context)
-        if plant is not None:
-            self.problems += plant_problems(plant, plant_wrong, context["states"], context["inputs"])
-        labels = self.labels(root.get("plant"), plant)
         measurement, measurement_wrong = self.section(MeasurementBlock, root.get("measurement"), "measurement", context)
+        sensed = measurement is not None and (measurement.sensors is not None or "sensors" in measurement_wrong)
+        if plant is not None:
+            known = context["states"], context["inputs"]
+            self.problems += plant_problems(plant, plant_wrong, *known, sensors=sensed)
+        labels = self.labels(root.get("plant"), plant)
         if measurement is not None:
             self.problems += measurement_problems(measurement, measurement_wrong, plant, context["states"])
+        if sensed:  # of sensors with a mistake nothing more is known
+            right = plant is not None and not self.failed
+            plant, measurement = together(plant, measurement) if right else (plant, None)
         # The observer's own expressions are over the states that the plant ends up in.
         family = self.family(root.get("observer"), {**context, "states": context["coordinates"]})
         seen = {**context, "outputs": _outputs(plant, measurement)}
         simulation, simulation_wrong = self.section(SimulationBlock, root.get("simulation"), "simulation", seen)
         if simulation is not None:
-            law = None if measurement is None or measurement.sampling is None else sampling_law(measurement)
+            law = None if measurement is None or not measurement.has_law else sampling_law(measurement)
             self.problems += simulation_problems(
                 simulation, simulation_wrong,
                 states=context["states"], inputs=self.signalled(context["inputs"], family),

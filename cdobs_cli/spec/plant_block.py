@@ -111,9 +111,11 @@ class PlantBlock(Block):
 
 
 def plant_problems(
-    plant: PlantBlock, wrong_fields: set[str], states: tuple[str, ...] | None, inputs: tuple[str, ...] | None
-) -> Iterator[Problem]:
-    """Names, and shapes against the number of states and inputs as typed; `wrong_fields` are already told."""
+    plant: PlantBlock, wrong_fields: set[str], states: tuple[str, ...] | None, inputs: tuple[str, ...] | None,
+    *, sensors: bool = False,
+) -> Iterator[Problem]:  # fmt: skip
+    """Names, and shapes against the number of states and inputs as typed; `wrong_fields` are already told. sensors:
+    whether these have the outputs."""
 
     def at(*path: str | int) -> tuple[str | int, ...]:
         return ("plant", *path)
@@ -126,7 +128,7 @@ def plant_problems(
         for name in ("output", "coordinates"):
             if getattr(plant, name) is not None:
                 yield Problem(at(name), "goes with `dynamics`, which is not given")
-    elif plant.dynamics is not None and plant.output is None and "output" not in wrong_fields:
+    elif plant.dynamics is not None and plant.output is None and "output" not in wrong_fields and not sensors:
         yield Problem(at("output"), "is required with `dynamics`")
     for name, count in (("inputs", MAX_INPUTS), ("parameters", MAX_PARAMETERS)):
         if len(getattr(plant, name) or ()) > count:

@@ -89,7 +89,7 @@ def test_observers_are_closed_systems(example: tuple[Spec, Design, Check]) -> No
     starts = {f"{kind}.{name}" for kind in ("initial", "lower", "upper") for name in plant.states} | measured
     assert len(observer.states) == len(observer.flow) == len(observer.jump) == len(observer.start)
     assert all(expression.variables <= known | disturbances for expression in system.flow)
-    assert all(expression.variables <= known | measured | {"elapsed"} for expression in system.jump)
+    assert all(expression.variables <= known | measured | {"elapsed"} for jump in system.jumps for expression in jump)
     assert all(expression.variables <= starts for expression in observer.start)
     assert all(len(rows) == plant.n for rows in observer.estimates.values())
 

@@ -19,6 +19,7 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.plant import Domain, Input, Interval
 from cdobs_cli.sampling import SamplingLaw
+from cdobs_cli.sensors import Sensor
 from cdobs_cli.simulate import library
 from cdobs_cli.simulate.compiled import Compiled
 from cdobs_cli.simulate.engine import simulate_batch
@@ -58,6 +59,22 @@ def fed() -> HybridSystem:
     return copy_observer(model, ["1", "1.8"])
 
 
+PATTERN = SamplingLaw.multirate(Exact("0.2"), [Sensor("gyro", (0,), Fraction(1)), Sensor("camera", (1,), Fraction(3))])
+
+
+def in_turn() -> HybridSystem:
+    """theta at every sample, omega at every third, each kind of sample with a jump of its own."""
+    model = plant(
+        ("theta", "omega"), [[0, 1], [0, 0]], ("0", "sin(theta)"), [[1, 0], [0, 1]], law=PATTERN,
+        noise=box([-0.05, -0.05], [0.05, 0.05]),
+    )  # fmt: skip
+    names = ["hat.theta", "hat.omega", "y.0", "y.1"]
+    jumps = [("y__0", "0.5*hat__omega + 0.5*y__1"), *[("y__0", "hat__omega + y__0 - hat__theta")] * 2]
+    system = copy_observer(model, ["0", "0"])
+    rows = tuple(tuple(read(row, names) for row in jump) for jump in jumps)
+    return replace(system, observer=replace(system.observer, jump=rows[0], jumps=rows))
+
+
 def in_a_domain() -> HybridSystem:
     return pendulum(domain=Domain({"theta": Interval(Exact("-1.5"), Exact("1.5"))}))
 
@@ -76,6 +93,7 @@ LOOPS = {
     "triggered white": (triggered(intensity=INTENSITY), SamplingLaw("updated"), {}),
     "often": (triggered("elapsed - 0.01"), SamplingLaw("updated"), {}),
     "unready": (triggered("elapsed + hat__theta - 0.3"), SamplingLaw("updated"), {}),
+    "in turn": (in_turn(), PATTERN, {}),
     "stopped": (stopped(), None, {}),
     "bounds": (bounds(), None, {}),
     "domain": (in_a_domain(), APERIODIC, {}),

@@ -147,7 +147,7 @@ class Method(ABC):
     statement: what it says, without the law. exact: whether the best gain that it finds is the best there is.
     endless: whether it holds however long the periods are. nonlinear_outputs: whether it takes outputs whose slopes
     vary. of_one_state: whether it is asked about the error of one state (`Question.state`). in_the_mean: whether it
-    takes samples that are lost by chance.
+    takes samples that are lost by chance. multirate: whether it takes sensors with periods of their own.
     """
 
     law: SamplingLaw
@@ -163,11 +163,17 @@ class Method(ABC):
     nonlinear_outputs: ClassVar[bool] = False
     of_one_state: ClassVar[bool] = False
     in_the_mean: ClassVar[bool] = False
+    multirate: ClassVar[bool] = False
 
     @classmethod
     def applies(cls, question: Question) -> bool:
         """Whether the method takes this error system and law at all (quick)."""
         return cls.nonlinear_outputs or not question.inclusion.outputs
+
+    @classmethod
+    def takes_law(cls, law: SamplingLaw) -> bool:
+        """Whether it is about laws of this kind: those with one jump at times that are certain are everybody's."""
+        return (cls.in_the_mean or not law.is_random) and (cls.multirate or not law.is_multirate)
 
     @classmethod
     @abstractmethod
@@ -186,7 +192,7 @@ class Method(ABC):
 
     def prove(self, question: Question) -> Proof:
         """What holds of the question's plant and gain under the method's own law. Loads no solver."""
-        if (question.inclusion.outputs and not self.nonlinear_outputs) or (self.law.is_random and not self.in_the_mean):
+        if (question.inclusion.outputs and not self.nonlinear_outputs) or not self.takes_law(self.law):
             return NOTHING
         try:
             return self._prove(question.under(self.law))

@@ -32,6 +32,7 @@ class Counterexample(Method):
     reach: ClassVar[Reach] = "no convergence"
     nonlinear_outputs: ClassVar[bool] = True
     in_the_mean: ClassVar[bool] = True
+    multirate: ClassVar[bool] = True
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:

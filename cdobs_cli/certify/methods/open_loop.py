@@ -38,6 +38,7 @@ class OpenLoop(Method):
     reach: ClassVar[Reach] = "some gain"
     endless: ClassVar[bool] = True
     nonlinear_outputs: ClassVar[bool] = True
+    multirate: ClassVar[bool] = True
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:
@@ -63,7 +64,8 @@ class OpenLoop(Method):
         return alone if alone._holds(question) else None
 
     def _prove(self, question: Question) -> Proof:
-        return Proof.of(self.law.is_bounded and self._holds(question), rate_of(self.sigma))
+        known = self.law.is_bounded or self.law.is_multirate
+        return Proof.of(known and self._holds(question), rate_of(self.sigma))
 
     def _holds(self, question: Question) -> bool:
         P, sigma = symmetric_from_upper(self.P), rate_of(self.sigma)

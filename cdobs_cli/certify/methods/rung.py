@@ -13,6 +13,7 @@ from cdobs_cli.certify.linear import is_linear
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.clock import edges
 from cdobs_cli.certify.methods.clock.certificate import Clock
+from cdobs_cli.certify.methods.clock.cycle import ClockCycle
 from cdobs_cli.certify.methods.common_quadratic import CommonQuadratic, is_linear_loop, longest_aperiodic
 from cdobs_cli.certify.methods.dead_beat import DeadBeat, resets
 from cdobs_cli.certify.methods.polygon import Polygon
@@ -51,9 +52,10 @@ class One:
         return self.method.rung
 
     def propose(self, question: Question) -> Method | None:
-        return _told(
-            lambda: self.method.propose(question) if self.method.applies(question) else None, self.name, question
-        )
+        return _told(lambda: self.method.propose(question) if self._applies(question) else None, self.name, question)
+
+    def _applies(self, question: Question) -> bool:
+        return self.method.takes_law(question.law) and self.method.applies(question)
 
     def longest(self, question: Question, share: float = 0.0) -> Method | None:
         return longest_at(self, question, share) if share or question.rate else self.method.longest(question)
@@ -69,10 +71,13 @@ class General:
     the clock-dependent function."""
 
     name: str = "clock"
-    methods: tuple[type[Method], ...] = (DeadBeat, SpectralRadius, CommonQuadratic, Polygon, Clock)
+    methods: tuple[type[Method], ...] = (
+        DeadBeat, SpectralRadius, CommonQuadratic, Polygon, Clock, ClockCycle,
+    )  # fmt: skip
 
     def propose(self, question: Question) -> Method | None:
-        proposals = (method.propose(question) for method in self.methods if method.applies(question))
+        asked = (method for method in self.methods if method.takes_law(question.law) and method.applies(question))
+        proposals = (method.propose(question) for method in asked)
         return _told(lambda: next((one for one in proposals if one is not None), None), self.name, question)
 
     def longest(self, question: Question, share: float = 0.0) -> Method | None:
@@ -96,7 +101,8 @@ class General:
 
 def _is_left_to_the_clock(question: Question) -> bool:
     """Whether of the general certificates only the clock-dependent function can hold."""
-    return Clock.applies(question) and not is_linear_loop(question) and not resets(question.inclusion)
+    asked = Clock.takes_law(question.law) and Clock.applies(question)
+    return asked and not is_linear_loop(question) and not resets(question.inclusion)
 
 
 GENERAL = General()

@@ -1,4 +1,5 @@
-"""Linear loops at one constant period: rho(J exp(A T)) < 1, exactly the condition of convergence.
+"""Linear loops at one constant period: rho(J exp(A T)) < 1, exactly the condition of convergence; of sensors with
+periods of their own the same of the map over a hyperperiod.
 
 Stability may be lost and regained as the period grows: `linear.stable_intervals` lists where it holds.
 """
@@ -9,7 +10,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 from cdobs_cli.certify.ball import has_spectral_radius_below
-from cdobs_cli.certify.linear import is_linear, stable_interval
+from cdobs_cli.certify.linear import is_linear, product, stable_ends, stable_interval
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question
 from cdobs_cli.certify.texts import rate_of
 from cdobs_cli.exact.matrix import Matrix
@@ -27,6 +28,11 @@ class SpectralRadius(Method):
     source: ClassVar[str] = "spectral radius of the sampled error"
     how: ClassVar[str] = "powers of the map in balls"
     statement: ClassVar[str] = "The error of one period has a spectral radius below 1"
+    multirate: ClassVar[bool] = True
+
+    @property
+    def sentence(self) -> str:
+        return self.statement.replace("one period", "one hyperperiod") if self.law.is_multirate else self.statement
 
     @classmethod
     def applies(cls, question: Question) -> bool:
@@ -38,17 +44,24 @@ class SpectralRadius(Method):
         return radius if cls.applies(question) and radius.prove(question).holds else None
 
     def _prove(self, question: Question) -> Proof:
-        """rho(J exp(A T) exp(sigma T)) < 1."""
+        """rho(J exp(A T) exp(sigma T)) < 1; over a hyperperiod rho(J_0 Phi_(Q-1) .. J_1 Phi_0) < 1 of these Phi."""
         sigma, law = rate_of(self.sigma), self.law
-        if question.inclusion.quantities or not (law.is_periodic and law.is_bounded):
+        if not is_linear(question.inclusion) or law.T_max.sign() != 1:
             return NOTHING
-        maps = question.inclusion.balls
-        Phi = (maps.base + Matrix.identity(maps.base.shape[0]) * sigma).exp(law.T_max.scalar)
-        return Proof.of(has_spectral_radius_below(maps.jump @ Phi), sigma)
+        phases = question.inclusion.phases_balls
+        shifted = phases[0].base + Matrix.identity(phases[0].base.shape[0]) * sigma
+        gaps = law.gaps or (law.T_max,)
+        Phi = {gap: shifted.exp(gap.scalar) for gap in dict.fromkeys(gaps)}
+        M = product((Phi[gap] for gap in gaps), [maps.jump for maps in phases])
+        return Proof.of(has_spectral_radius_below(M), sigma)
 
     @classmethod
     def longest(cls, question: Question) -> Self | None:
-        """At rate 0: the end of the proved interval of periods that holds the question's own, else of the first."""
-        T = question.law.T_max
-        chosen = stable_interval(question.inclusion, float(T), float(T) / 1000, float(T) * 20)
+        """At rate 0: the end of the interval of periods that holds the question's own, else of the first; of one period
+        for all outputs of an interval that is proved as a whole."""
+        T = float(question.law.period)
+        if question.law.is_multirate:
+            ends = stable_ends(question.inclusion, T, T / 1000, T * 20)
+            return next((one for end in ends if (one := cls.propose(question.at(end))) is not None), None)
+        chosen = stable_interval(question.inclusion, T, T / 1000, T * 20)
         return None if chosen is None else cls.propose(question.at(chosen.high))

@@ -8,14 +8,16 @@ Phi_V(delta), P or Q the Lyapunov matrix, W = P K.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
 
 from cdobs_cli.errors import Problem
+from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.families.constant_gain import ConstantGain, Objective
 from cdobs_cli.fields import ExpressionInDelta, Rows
+from cdobs_cli.sensors import MAX_PHASES
 
 if TYPE_CHECKING:
     from cdobs_cli.certificate import Bound, Check, Claim
@@ -41,12 +43,29 @@ SetRow = Annotated[tuple[SetEntry, ...], Field(max_length=MAX_STATES)]
 SetMatrix = Annotated[tuple[SetRow, ...], Field(max_length=MAX_STATES)]
 
 
+def _kind_of_gain(value: Any) -> str:
+    if isinstance(value, dict):
+        return "by sensors"
+    if isinstance(value, list | tuple) and value:
+        first = value[0]
+        inner = first[0] if isinstance(first, list | tuple) and first else None
+        if isinstance(first, ExactMatrix) or isinstance(inner, list | tuple):
+            return "by sample"
+    return "one matrix"
+
+
 class Gain(BaseModel):
-    """A given gain: K, shape (n, p)."""
+    """A given gain: K, shape (n, p). Of sensors with periods of their own also by what is read, `camera+gyro`, a sensor
+    alone standing for its columns wherever it is read; or a list, the gain of each sample of their common pattern."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, defer_build=True)
 
-    K: Rows
+    K: Annotated[
+        Annotated[Rows, Tag("one matrix")]
+        | Annotated[dict[str, Rows], Tag("by sensors")]
+        | Annotated[tuple[Rows, ...], Field(max_length=MAX_PHASES), Tag("by sample")],
+        Discriminator(_kind_of_gain),
+    ]
 
 
 class MatrixSet(BaseModel):
@@ -71,6 +90,7 @@ class Reachability(ConstantGain):
     error_source: ClassVar[str] = "Dinh2014, (8), (10)"
 
     takes_losses: ClassVar[bool] = True
+    takes_sensors: ClassVar[bool] = True
     family: Literal["reachability"] = "reachability"
     objective: Objective = "given_period"
     method: Literal["best", "set", "clock"] = "best"
@@ -81,6 +101,20 @@ class Reachability(ConstantGain):
         from cdobs_cli.families.reachability.structure import problems
 
         return [*super().problems(plant, simulation), *problems(self, plant)]
+
+    def resolved(self, plant: Plant, horizon: float | None) -> Self:
+        """With the given gain of sensors sample by sample."""
+        from cdobs_cli.families.reachability.given_gain import by_sample
+
+        card = super().resolved(plant, horizon)
+        if card.gain is None or not plant.sampling.is_multirate:
+            return card
+        return card.model_copy(update={"gain": Gain.model_construct(K=by_sample(card.gain.K, plant))})
+
+    def given(self) -> Mapping[str, ExactMatrix | None]:
+        from cdobs_cli.families.reachability.given_gain import side_by_side
+
+        return {self.letter: None if self.gain is None else side_by_side(self.gain.K)}
 
     def error_maps(self, view: PlantView[Any]) -> ErrorMaps[Any]:
         from cdobs_cli.hybrid import corrected_copy

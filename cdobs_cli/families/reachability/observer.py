@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ZERO, Expression, Variable
+from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.hybrid import Observer
 from cdobs_cli.plant import Plant
 
@@ -11,23 +12,33 @@ PREFIX = "hat."
 
 
 def observer(plant: Plant, design: Design) -> Observer:
-    """A copy of the model between samples, corrected by K (y_k - C x_hat) at each of them.
+    """A copy of the model between samples, corrected by K (y_k - C x_hat) at each of them; where sensors have periods
+    of their own by the K of that sample and the outputs that it reads.
 
     Source: Dinh2014, (3)
     """
-    K = design.gain["K"]
-    hat = tuple(PREFIX + name for name in plant.states)
-    innovation = [Variable(f"y.{k}") - row for k, row in enumerate(plant.outputs(PREFIX))]
-    jump = []
-    for i, name in enumerate(hat):
-        correction: Expression = ZERO
-        for k, residual in enumerate(innovation):
-            correction = correction + K[i, k].expression * residual
-        jump.append(Variable(name) + correction)
+    hat, K, law = tuple(PREFIX + name for name in plant.states), design.gain["K"], design.sampling
+    own = law.split(K, plant.p) if law.is_multirate else [K]
+    reads = [phase.outputs for phase in law.phases] or [tuple(range(plant.p))]
+    jumps = tuple(_jump(plant, hat, *one) for one in zip(own, reads, strict=True))
     return Observer(
         states=hat,
         start=tuple(Variable(f"initial.{name}") for name in plant.states),
         flow=plant.right_hand_side(PREFIX),
-        jump=tuple(jump),
+        jump=jumps[0],
         estimates={"x_hat": tuple(Variable(name) for name in hat)},
+        jumps=jumps if law.is_multirate else (),
     )
+
+
+def _jump(plant: Plant, hat: tuple[str, ...], K: ExactMatrix, read: tuple[int, ...]) -> tuple[Expression, ...]:
+    """x_hat + K (y_k - C x_hat), of the outputs that are read."""
+    rows = plant.outputs(PREFIX)
+    innovation = [(k, Variable(f"y.{k}") - rows[k]) for k in sorted(read)]
+    jump = []
+    for i, name in enumerate(hat):
+        correction: Expression = ZERO
+        for k, residual in innovation:
+            correction = correction + K[i, k].expression * residual
+        jump.append(Variable(name) + correction)
+    return tuple(jump)

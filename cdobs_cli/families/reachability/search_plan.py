@@ -12,6 +12,7 @@ from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify.gains import Candidate, GainSearch
 from cdobs_cli.certify.kernel import kernel
 from cdobs_cli.certify.methods.base import Method, Question
+from cdobs_cli.certify.methods.clock.cycle_design import CycleGain
 from cdobs_cli.certify.methods.clock.design import ImpulsiveGain
 from cdobs_cli.certify.methods.dead_beat import DeadBeat
 from cdobs_cli.certify.methods.planar import design as planar
@@ -51,7 +52,7 @@ def by_clock(family: Reachability, question: Question) -> bool:
         return False
     if question.inclusion.outputs:
         return True
-    given = family.gain.K if family.gain else None
+    given = family.given()["K"]
     exact = family.method == "best" and family.objective != "decay_rate" and not question.rate
     return not (exact and planar.covers(question, given))
 
@@ -66,7 +67,10 @@ def rungs(family: Reachability, question: Question) -> Sequence[Rung]:
 
 
 def gain_searches(family: Reachability, question: Question) -> Sequence[GainSearch]:
-    """The set first; where n = rank C a sample tells the state, and no other gain is needed."""
+    """The set first; where n = rank C a sample tells the state, and no other gain is needed. Of sensors with periods of
+    their own the cycle alone."""
+    if question.law.is_multirate:
+        return [CycleGain()]
     weighed = family.objective in ("given_period", "min_error") or family.error_at_most
     quiet = bool(weighed) and family.method != "set"
     if kernel(question.plant.C).dimension == 0 and ResetGain().at(question) is not None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.families.reachability.given_gain import gain_problems
 from cdobs_cli.plant import Plant
 
 if TYPE_CHECKING:
@@ -31,19 +32,15 @@ def has_clarke_set(plant: Plant) -> bool:
 def problems(family: Reachability, plant: Plant) -> list[Problem]:
     """Mistakes that show without linear algebra."""
     found: list[Problem] = []
-    n, p = plant.n, plant.p
+    n = plant.n
     observer = ("observer",)
     if plant.sampling.is_updated:
         found.append(
             Problem(("measurement", "sampling", "updated"), "this observer does not choose its sampling instants",
                     allowed="{period: ..} or {min_period: .., max_period: ..}", hint="family updated_sampling does")
         )  # fmt: skip
-    if family.gain is not None and family.gain.K.shape != (n, p):
-        rows, columns = family.gain.K.shape
-        found.append(
-            Problem((*observer, "gain", "K"), "K has one row per state and one column per output",
-                    got=f"{rows} x {columns}", allowed=f"{n} x {p}")
-        )  # fmt: skip
+    if family.gain is not None:
+        found += gain_problems(family.gain.K, plant)
     if family.set != "clarke":
         if family.method == "clock":
             found.append(
@@ -70,7 +67,10 @@ def problems(family: Reachability, plant: Plant) -> list[Problem]:
         if plant.output_quantities:
             what, got = "the set of matrices is built for outputs that are linear in the states", "method set"
             found.append(Problem((*observer, "method"), what, got, hint="method best or clock takes any output"))
-        if not (plant.sampling.is_periodic or plant.sampling.is_updated):
+        if plant.sampling.is_multirate:
+            what, hint = "the set of matrices is built for outputs that are read together", "method best or clock"
+            found.append(Problem((*observer, "method"), what, "method set", hint=hint))
+        elif not (plant.sampling.is_periodic or plant.sampling.is_updated):
             found.append(
                 Problem(
                     ("measurement", "sampling"),

@@ -32,7 +32,7 @@ such Q.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -184,15 +184,7 @@ class Clock(Method):
         if self.law.is_random or not self.prove(question).holds:
             return None
         n, back = question.plant.n, self.S.inverse()
-        reach: list[arb] | None = None
-        for piece in self._pieces(self.coefficients):
-            elevated = _elevated_until_definite(piece)
-            if elevated is None:
-                return None
-            # (P^-1)_jj is a convex function of P: at most its largest value over definite coefficients.
-            covariances = [self.S @ P.inverse() @ self.S.T for P in elevated]
-            ends = [_most([arb(covariance[j, j]) for covariance in covariances]) for j in range(n)]
-            reach = ends if reach is None else [a.max(b) for a, b in zip(reach, ends, strict=True)]
+        reach = largest_states(self._pieces(self.coefficients), self.S, n)
         if reach is None:
             return None
         V = back.T @ self.coefficients[0] @ back
@@ -205,21 +197,43 @@ class Clock(Method):
             return None
         n, back = question.plant.n, self.S.inverse()
         P = [back.T @ one @ back for one in self.coefficients]
-        least: Fraction | None = None
-        for piece in self._pieces(P):
-            elevated = _elevated_until_definite(piece)
-            margins = [positive_definite(one).margin for one in elevated or []]
-            if not margins or not all(margins):
-                return None
-            least = min(margin for margin in (*margins, least) if margin is not None)
+        least = least_eigenvalue(self._pieces(P))
+        if least is None:
+            return None
         jumps = (J[:, :n] for J in question.inclusion.balls.jumps())
         largest = max(eigenvalue_range(J.T @ P[0] @ J, smallest=False).high for J in jumps)
-        quotient = arb(largest) / Exact(least or 0).ball()
+        quotient = arb(largest) / Exact(least).ball()
         return float(quotient.sqrt().upper()) if quotient.is_finite() else None
 
     def _pieces(self, P: list[Matrix]) -> Iterator[list[Matrix]]:
         d = self.shape.d
         return (P[start : start + d + 1] for start in range(0, len(P) - d, d))
+
+
+def largest_states(pieces: Iterable[list[Matrix]], S: Matrix, n: int) -> list[arb] | None:
+    """Upper ends of (P^-1)_jj of the first n states over all pieces of P, in the states e = S z; None where some piece
+    is not shown to be definite."""
+    reach: list[arb] | None = None
+    for piece in pieces:
+        elevated = _elevated_until_definite(piece)
+        if elevated is None:
+            return None
+        # (P^-1)_jj is a convex function of P: at most its largest value over definite coefficients.
+        covariances = [S @ P.inverse() @ S.T for P in elevated]
+        ends = [_most([arb(covariance[j, j]) for covariance in covariances]) for j in range(n)]
+        reach = ends if reach is None else [a.max(b) for a, b in zip(reach, ends, strict=True)]
+    return reach
+
+
+def least_eigenvalue(pieces: Iterable[list[Matrix]]) -> Fraction | None:
+    """A lower end of the eigenvalues of P over all pieces, > 0; None where none is shown."""
+    least: Fraction | None = None
+    for piece in pieces:
+        margins = [positive_definite(one).margin for one in _elevated_until_definite(piece) or []]
+        if not margins or not all(margins):
+            return None
+        least = min(margin for margin in (*margins, least) if margin is not None)
+    return least
 
 
 def _elevated_until_definite(piece: list[Matrix]) -> list[Matrix] | None:
@@ -440,10 +454,11 @@ def split_basis(inclusion: HybridInclusion) -> list[list[Fraction]] | None:
     return [list(row) for row in zip(*columns, strict=True)]
 
 
-def basis(inclusion: HybridInclusion) -> list[list[Fraction]]:
-    """Columns of S in e = S z, powers of 2: each state in units of what it adds to the outputs' Taylor terms
-    over T_max (for a chain of integrators T^(i-1)); further states, held innovations, in the outputs' units."""
-    plant, T = inclusion.plant, float(inclusion.sampling.T_max)
+def basis(inclusion: HybridInclusion, over: float | None = None) -> list[list[Fraction]]:
+    """Columns of S in e = S z, powers of 2: each state in units of what it adds to the outputs' Taylor terms over
+    T_max, or another time (for a chain of integrators T^(i-1)); further states, held innovations, in the outputs'
+    units."""
+    plant, T = inclusion.plant, float(inclusion.sampling.T_max) if over is None else over
     n, N = plant.n, inclusion.floats.base.shape[0]
     seen = np.max(np.abs(inclusion.view_floats.output_corners()), axis=0)
     term = seen

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, TypeVar
@@ -41,6 +41,13 @@ def mean_block(P_0: Any, W: Any, C: Any, P: Any, p: float) -> Any:
     return block([[P_0, B], [B.T, P - P_0 * p]])
 
 
+def shared_block(G: Any, P_0: Any, W: Any, C: Any, P: Any) -> Any:
+    """[[G + G' - P(0), G - W C], [., P]] with W = G K: where it is definite, so is `jump_gap` for J = I - K C, since
+    G + G' - P(0) <= G P(0)^-1 G'. One G serves jumps to several P(0)."""
+    B = G - W @ C
+    return block([[G + G.T - P_0, B], [B.T, P]])
+
+
 @dataclass(frozen=True)
 class Shape:
     """Degree d of P, degree D of the inequalities, and pieces: so many on [0, T_min], so many on [T_min, T_max];
@@ -64,6 +71,11 @@ class Shape:
         return self.pieces * self.d + 1
 
     @property
+    def firsts(self) -> list[int]:
+        """Number of the first coefficient of each piece."""
+        return [j * self.d for j in range(self.pieces)]
+
+    @property
     def jump_from(self) -> int:
         """Number of the first coefficient on which the jump is imposed."""
         return self.d * self.before
@@ -80,11 +92,51 @@ class Shape:
         return first + ([(T_max - T_min) / self.after] * self.after if self.after else [])
 
 
-def flow_coefficients(P: list[Any], shape: Shape, lengths: list[Any]) -> Iterator[tuple[Any, Any]]:
+@dataclass(frozen=True)
+class CycleShape:
+    """Degree d of each P_q, degree D of the inequalities, and the pieces of each of the phases, one after the other.
+
+    Coefficients are numbered through, phase by phase: those of two phases are apart."""
+
+    d: int
+    D: int
+    pieces_of: tuple[int, ...]
+
+    @property
+    def pieces(self) -> int:
+        return sum(self.pieces_of)
+
+    @property
+    def count(self) -> int:
+        """Number of coefficient matrices."""
+        return self.pieces * self.d + len(self.pieces_of)
+
+    @property
+    def starts(self) -> list[int]:
+        """Of each phase the number of P_q(0)."""
+        return [sum(self.pieces_of[:q]) * self.d + q for q in range(len(self.pieces_of))]
+
+    @property
+    def ends(self) -> list[int]:
+        """Of each phase the number of its last coefficient, P_q at the next sample."""
+        return [start + count * self.d for start, count in zip(self.starts, self.pieces_of, strict=True)]
+
+    @property
+    def firsts(self) -> list[int]:
+        """Number of the first coefficient of each piece."""
+        places = zip(self.starts, self.pieces_of, strict=True)
+        return [start + j * self.d for start, count in places for j in range(count)]
+
+    def lengths(self, gaps: Sequence[Any]) -> list[Any]:
+        """Length of each piece, of phases so long."""
+        return [gap / count for gap, count in zip(gaps, self.pieces_of, strict=True) for _ in range(count)]
+
+
+def flow_coefficients(P: list[Any], shape: Shape | CycleShape, lengths: list[Any]) -> Iterator[tuple[Any, Any]]:
     """(h Pdot, h P) of every Bernstein coefficient of the flow inequality, piece by piece, h the piece's length."""
     G, E = derivative(shape.d, shape.D), elevation(shape.d, shape.D)
-    for j, h in enumerate(lengths):
-        local = P[j * shape.d : (j + 1) * shape.d + 1]
+    for first, h in zip(shape.firsts, lengths, strict=True):
+        local = P[first : first + shape.d + 1]
         for g, e in zip(G, E, strict=True):
             yield combination(g, local), combination(e, local) * h
 

@@ -357,7 +357,7 @@ class _Cells:
 
         learned = False
         for count in range(1, _MOST):
-            for proposal in propose_for(maps, [(period,) * count], 1)[:2]:
+            for proposal in propose_for([maps], [(period,) * count], 1)[:2]:
                 if proposal.radius < 1:
                     continue
                 periods = tuple(self._arcs(proposal, w) for w in range(count))

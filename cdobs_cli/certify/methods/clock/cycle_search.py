@@ -1,0 +1,236 @@
+"""The search behind the certificate over a cycle: the flow of `flow_search`, with the jumps of samples in turn.
+
+Gains are given, or free: K_q of a sample of its own by W_q = P_q(0) K_q, and one gain for several samples by W = G K
+with a free matrix G, of which each of them uses the columns of what it reads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from cdobs_cli.certify.lmi import Cone
+from cdobs_cli.certify.methods.base import Question
+from cdobs_cli.certify.methods.clock.certificate import basis
+from cdobs_cli.certify.methods.clock.flow_search import FlowSearch, Outline, Solution, Static
+from cdobs_cli.certify.methods.clock.form import CycleShape, in_basis, jump_block, jump_gap, shared_block
+from cdobs_cli.certify.svec import full_basis, svec
+from cdobs_cli.hybrid import ErrorMaps
+from cdobs_cli.sampling import SamplingLaw
+from cdobs_cli.sensors import groups
+
+if TYPE_CHECKING:
+    from cdobs_cli.arrays import Array
+
+
+@dataclass(frozen=True)
+class FreeGain:
+    """A gain that is looked for: of which samples it is, the outputs that its columns are for, and the first of its
+    unknowns among the free ones: those of W, then of G where it is of several samples."""
+
+    samples: tuple[int, ...]
+    outputs: tuple[int, ...]
+    first: int
+
+    @property
+    def is_shared(self) -> bool:
+        return len(self.samples) > 1
+
+    def size(self, N: int) -> int:
+        return N * (len(self.outputs) + (N if self.is_shared else 0))
+
+    def columns(self, read: Sequence[int]) -> list[int]:
+        """Those of the gain for the outputs that a sample reads."""
+        return [self.outputs.index(k) for k in read]
+
+
+@dataclass
+class CycleSearch(FlowSearch):
+    """Maps in scaled states and unit time (the hyperperiod), and the shape of the P_q.
+
+    Attributes:
+        gaps: the time after each sample. reads: the outputs that each reads.
+        C: the output matrix at each of its corners where gains are looked for; None where they are given.
+    """
+
+    shape: CycleShape
+    N: int
+    gaps: tuple[float, ...]
+    reads: tuple[tuple[int, ...], ...]
+    C: list[Array] | None
+    gains: tuple[FreeGain, ...]
+    cuts: set[tuple[int, int]] = field(default_factory=set)
+
+    @property
+    def outline(self) -> Outline:
+        return self.shape
+
+    @property
+    def lengths(self) -> list[float]:
+        return self.shape.lengths(self.gaps)
+
+    @property
+    def free(self) -> int:
+        return sum(gain.size(self.N) for gain in self.gains)
+
+    def _shaped(self, free: Array) -> Array | None:
+        return free if self.gains else None
+
+    def _static(self, jumps: list[list[Array]]) -> Static:
+        """The trace of all P_q(0), P_q(0) > 0, and the jump inequality at every corner of each jump."""
+        trace = np.zeros((1, self._size))
+        for start in self.shape.starts:
+            trace[0, self._unknown(start)] = svec(np.eye(self.N)) / len(self.gaps)
+        rows, right, cones = [trace], [1.0], list[Cone]([("zero", 1)])
+        blocks = list(self._given(jumps)) if self.C is None else list(self._sought(self.C))
+        for parts, dimension in blocks:
+            rows.append(self._semidefinite(parts, dimension))
+            right += [0.0] * (dimension * (dimension + 1) // 2)
+            cones.append(("psd", dimension))
+        return rows, right, cones
+
+    def _given(self, jumps: list[list[Array]]) -> Iterator[tuple[list[tuple[slice, Array]], int]]:
+        """P_q(0), and P_(q-1)(g_(q-1)) - J_q' P_q(0) J_q, as coefficients of the unknowns, with their dimension."""
+        zero, new = np.zeros((self.N, self.N)), svec(self.basis)
+        for q, corners in enumerate(jumps):
+            start, end = self._unknown(self.shape.starts[q]), self._unknown(self.shape.ends[q - 1])
+            yield [(start, new)], self.N
+            for J in corners:
+                old = svec(np.array([jump_gap(P, zero, J) for P in self.basis]))
+                yield [(start, old), (end, new)], self.N
+
+    def _sought(self, corners: list[Array]) -> Iterator[tuple[list[tuple[slice, Array]], int]]:
+        """The jump inequality of samples whose gain is looked for, at every corner of C."""
+        for gain in self.gains:
+            for q in gain.samples:
+                start, end = self._unknown(self.shape.starts[q]), self._unknown(self.shape.ends[q - 1])
+                for C in corners:
+                    yield self._block(gain, C[list(self.reads[q])], self.reads[q], start, end), 2 * self.N
+
+    def _block(
+        self, gain: FreeGain, C: Array, read: tuple[int, ...], start: slice, end: slice
+    ) -> list[tuple[slice, Array]]:
+        """Of a sample's own gain [[P_q(0), P_q(0) - W C], [., P]], of a shared one [[G + G' - P_q(0), G - W C],
+        [., P]]."""
+        N, zero = self.N, np.zeros((self.N, self.N))
+        entries = np.zeros((N, len(gain.outputs), N, len(read)))  # of W, in the columns that are read
+        for place, column in enumerate(gain.columns(read)):
+            entries[np.arange(N), column, np.arange(N), place] = 1.0
+        units = entries.reshape(-1, N, len(read))
+        W = slice(self._first(gain), self._first(gain) + len(units))
+        none = np.zeros((N, len(read)))
+        new = svec(np.array([jump_block(zero, none, C, P) for P in self.basis]))
+        if not gain.is_shared:
+            old = svec(np.array([jump_block(P, none, C, zero) for P in self.basis]))
+            moved = svec(np.array([jump_block(zero, unit, C, zero) for unit in units]))
+            return [(start, old), (end, new), (W, moved)]
+        old = svec(np.array([shared_block(zero, P, none, C, zero) for P in self.basis]))
+        moved = svec(np.array([shared_block(zero, zero, unit, C, zero) for unit in units]))
+        free = svec(np.array([shared_block(unit, zero, none, C, zero) for unit in full_basis(N, N)]))
+        return [(start, old), (end, new), (W, moved), (slice(W.stop, W.stop + N * N), free)]
+
+    def _first(self, gain: FreeGain) -> int:
+        return self.shape.count * self._t + gain.first
+
+    def _semidefinite(self, parts: list[tuple[slice, Array]], dimension: int) -> Array:
+        """Rows of `sum of parts - margin I` in the cone."""
+        rows = np.zeros((dimension * (dimension + 1) // 2, self._size))
+        for columns, coefficients in parts:
+            rows[:, columns] -= coefficients.T
+        rows[:, -1] = svec(np.eye(dimension))
+        return rows
+
+    def found(self, solution: Solution) -> list[Array]:
+        """Of each sample its K, (N, outputs read). Raises: LinAlgError."""
+        assert solution.W is not None
+        K: list[Array] = [np.zeros((self.N, len(read))) for read in self.reads]
+        for gain in self.gains:
+            width = self.N * len(gain.outputs)
+            W = solution.W[gain.first : gain.first + width].reshape(self.N, -1)
+            G = solution.W[gain.first + width : gain.first + gain.size(self.N)]
+            for q in gain.samples:
+                by = G.reshape(self.N, self.N) if gain.is_shared else solution.P[self.shape.starts[q]]
+                K[q] = np.asarray(np.linalg.solve(by, W[:, gain.columns(self.reads[q])]), dtype=float)
+        return K
+
+
+class Posed(NamedTuple):
+    """A problem as the search takes it: in the coordinates z, e = S z, and unit time."""
+
+    search: CycleSearch
+    maps: ErrorMaps[Array]
+    jumps: list[list[Array]]
+    S: list[list[Fraction]]
+
+    def solve(self, question: Question) -> Solution | None:
+        """The solver's answer at the question's rate; None where it has none of a positive margin."""
+        sigma = float(question.rate) * float(question.law.hyperperiod)
+        solution = self.search.solve(self.maps, self.jumps, sigma)
+        return solution if solution is not None and solution.margin > 0 else None
+
+    def gains(self, solution: Solution) -> list[Array]:
+        """Of each sample, in the plant's states; empty where one is not finite."""
+        try:
+            found = self.search.found(solution)
+        except np.linalg.LinAlgError:
+            return []
+        gains: list[Array] = [np.array(self.S, dtype=float) @ K for K in found]
+        return gains if all(np.all(np.isfinite(K)) for K in gains) else []
+
+
+def pose(question: Question, shape: CycleShape, *, given: bool) -> Posed | None:
+    """None where a map is not finite. given: whether the question's gain is meant, or gains are looked for."""
+    law, inclusion = question.law, question.inclusion
+    H, longest = float(law.hyperperiod), float(law.base) * float(max(one.every for one in law.sensors))
+    S = basis(inclusion, longest)
+    change = np.array(S, dtype=float)
+    back = np.linalg.inv(change)
+    phases = [in_basis(maps, change, back) for maps in inclusion.phases_floats] if given else []
+    flow = (phases[0] if given else in_basis(inclusion.floats, change, back)).mapped(lambda A: A * H, lambda J: J)
+    jumps = [list(maps.jumps()) for maps in phases]
+    finite = (flow.base, *flow.parts, *(J for corners in jumps for J in corners))
+    if not all(np.all(np.isfinite(part)) for part in finite):
+        return None
+    reads = tuple(phase.outputs for phase in law.phases)
+    gaps = tuple(float(gap) / H for gap in law.gaps)
+    C = None if given else [one @ change for one in inclusion.view_floats.output_corners()]
+    N = flow.base.shape[0]
+    search = CycleSearch(shape, N, gaps, reads, C, () if given else free_gains(law, N))
+    search.cuts = question.memory.setdefault((shape, given), set())
+    return Posed(search, flow, jumps, S)
+
+
+def in_common(gains: Sequence[Array], law: SamplingLaw) -> Iterator[list[Array]]:
+    """Gains of samples made alike where the law has one for several of them: in each column that of the first, of the
+    last, and the mean of all that read the output."""
+    reads, pick = [phase.outputs for phase in law.phases], (lambda one: one[0], lambda one: one[-1], _mean)
+    for chosen in pick:
+        alike = [np.array(K) for K in gains]
+        for gain in free_gains(law, len(gains[0])):
+            for k in gain.outputs:
+                readers = [q for q in gain.samples if k in reads[q]]
+                column = chosen([gains[q][:, reads[q].index(k)] for q in readers])
+                for q in readers:
+                    alike[q][:, reads[q].index(k)] = column
+        yield alike
+
+
+def _mean(columns: list[Array]) -> Array:
+    mean: Array = np.mean(columns, axis=0)
+    return mean
+
+
+def free_gains(law: SamplingLaw, N: int) -> tuple[FreeGain, ...]:
+    """The gains that the law tells apart."""
+    numbers, phases = groups(law.phases, law.gains), law.phases
+    gains: list[FreeGain] = []
+    for number in sorted(set(numbers)):
+        samples = tuple(q for q, one in enumerate(numbers) if one == number)
+        outputs = tuple(sorted({k for q in samples for k in phases[q].outputs}))
+        first = gains[-1].first + gains[-1].size(N) if gains else 0
+        gains.append(FreeGain(samples, outputs, first))
+    return tuple(gains)

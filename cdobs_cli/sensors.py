@@ -1,0 +1,129 @@
+"""Sensors with periods and offsets of their own: which of them are read when, as phases that repeat."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from math import gcd, lcm
+from typing import Any, Literal
+
+MAX_PHASES = 64  # samples of a hyperperiod
+MAX_SENSORS = 16
+Gains = Literal["by_phase", "by_sensor", "one"]
+GAINS: tuple[Gains, ...] = ("by_phase", "by_sensor", "one")
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """Measures the outputs of these numbers at the times (offset + k every) T, k = 0, 1, .., with T the shortest period
+    of all sensors: 0 <= offset < every."""
+
+    name: str
+    outputs: tuple[int, ...]
+    every: Fraction
+    offset: Fraction = Fraction(0)
+
+
+@dataclass(frozen=True)
+class Phase:
+    """One sample of the hyperperiod: at `time` T after its beginning these sensors are read, and `gap` T later the next
+    ones."""
+
+    time: Fraction
+    gap: Fraction
+    sensors: tuple[Sensor, ...]
+
+    @property
+    def outputs(self) -> tuple[int, ...]:
+        """Numbers of the outputs that are read, sensor by sensor."""
+        return tuple(k for sensor in self.sensors for k in sensor.outputs)
+
+    @property
+    def name(self) -> str:
+        """The sensors that are read: `camera+gyro`."""
+        return "+".join(sensor.name for sensor in self.sensors)
+
+
+def hyperperiod(sensors: Sequence[Sensor]) -> Fraction:
+    """After how many T the sensors are read as before: the least common multiple of their periods."""
+    periods = [sensor.every for sensor in sensors]
+    return Fraction(lcm(*(one.numerator for one in periods)), gcd(*(one.denominator for one in periods)))
+
+
+def is_bounded(sensors: Sequence[Sensor]) -> bool:
+    """Whether a hyperperiod has few enough samples: quick, whatever the periods."""
+    H = hyperperiod(sensors)
+    return all(H / sensor.every <= MAX_PHASES for sensor in sensors) and len(_instants(sensors)) <= MAX_PHASES
+
+
+def _instants(sensors: Sequence[Sensor]) -> list[Fraction]:
+    H = hyperperiod(sensors)
+    counts = ((sensor, int(H / sensor.every)) for sensor in sensors)
+    return sorted({sensor.offset + k * sensor.every for sensor, count in counts for k in range(count)})
+
+
+def phases(sensors: Sequence[Sensor]) -> tuple[Phase, ...]:
+    """The samples of one hyperperiod, from its beginning on."""
+    times = _instants(sensors)
+    ends = [*times[1:], hyperperiod(sensors) + times[0]]
+    return tuple(
+        Phase(time, end - time, tuple(one for one in sensors if _is_read(one, time)))
+        for time, end in zip(times, ends, strict=True)
+    )
+
+
+def _is_read(sensor: Sensor, time: Fraction) -> bool:
+    return (time - sensor.offset) % sensor.every == 0
+
+
+def groups(of: Sequence[Phase], gains: Gains) -> tuple[int, ...]:
+    """Of each phase the number of its gain: equal numbers where one gain (or columns of one) serves."""
+    if gains == "by_phase":
+        return tuple(range(len(of)))
+    if gains == "one":
+        return (0,) * len(of)
+    names = list(dict.fromkeys(phase.name for phase in of))
+    return tuple(names.index(phase.name) for phase in of)
+
+
+def document(sensors: Sequence[Sensor]) -> list[dict[str, Any]]:
+    """Periods and offsets as parts of the shortest period."""
+    return [
+        {"name": one.name, "outputs": list(one.outputs), "every": str(one.every), "offset": str(one.offset)}
+        for one in sensors
+    ]
+
+
+def from_document(entries: Any) -> tuple[Sensor, ...]:
+    """Raises: TypeError, ValueError, KeyError on anything `document` did not write."""
+    if not isinstance(entries, list) or not 1 <= len(entries) <= MAX_SENSORS:
+        raise ValueError("not a list of sensors")
+    sensors = tuple(map(_sensor, entries))
+    outputs = [k for sensor in sensors for k in sensor.outputs]
+    names = {sensor.name for sensor in sensors}
+    if sorted(outputs) != list(range(len(outputs))) or len(names) < len(sensors):
+        raise ValueError("outputs and names that are not one sensor's each")
+    if min(one.every for one in sensors) != 1 or min(one.offset for one in sensors) != 0 or not is_bounded(sensors):
+        raise ValueError("periods that no sensors have")
+    return sensors
+
+
+def _sensor(entry: Any) -> Sensor:
+    if not isinstance(entry, Mapping) or entry.keys() != {"name", "outputs", "every", "offset"}:
+        raise ValueError("not a sensor")
+    name, outputs = entry["name"], entry["outputs"]
+    if not isinstance(name, str) or not isinstance(outputs, list) or not outputs:
+        raise ValueError("not a sensor")
+    if any(type(k) is not int or k < 0 for k in outputs):
+        raise ValueError("outputs are told by their numbers")
+    every, offset = (_fraction(entry[key]) for key in ("every", "offset"))
+    if every < 1 or not 0 <= offset < every:
+        raise ValueError("periods that no sensor has")
+    return Sensor(name, tuple(outputs), every, offset)
+
+
+def _fraction(text: Any) -> Fraction:
+    if not isinstance(text, str) or len(text) > 400:
+        raise ValueError("not a number")
+    return Fraction(text)

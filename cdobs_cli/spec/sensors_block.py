@@ -1,0 +1,237 @@
+"""The block `measurement.sensors`: what each sensor measures and when, and all of them as one output."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from fractions import Fraction
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, ValidationInfo
+
+from cdobs_cli.errors import Problem
+from cdobs_cli.exact.expression import ZERO, Expression, Variable
+from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
+from cdobs_cli.fields import NonNegativeNumber, PositiveNumber, Rows, formula, sized, wrong
+from cdobs_cli.plant import weighted
+from cdobs_cli.sensors import MAX_PHASES, MAX_SENSORS, Sensor, hyperperiod, is_bounded
+from cdobs_cli.spec.block import Block, Name
+from cdobs_cli.spec.boxes import MAX_STATES, shape_problem
+from cdobs_cli.spec.noise_block import NoiseBlock, noise_problems
+from cdobs_cli.spec.reader import FieldPath
+
+AT: FieldPath = ("measurement", "sensors")
+_Outputs = Annotated[tuple[Annotated[Expression, formula("states", "inputs")], ...], sized(1, MAX_STATES)]
+
+
+class SensorBlock(Block):
+    """What one sensor measures, every `period` from `offset` on."""
+
+    C: Annotated[Rows | None, Field(description="Its rows: it measures C x.")] = None
+    output: Annotated[
+        _Outputs | None, Field(description="With `dynamics`: what it measures, functions of states and inputs.")
+    ] = None
+    period: Annotated[PositiveNumber | None, Field(description="From one of its samples to the next.")] = None
+    offset: Annotated[
+        NonNegativeNumber | None, Field(description="When it is read first, below its period; 0 where left out.")
+    ] = None
+    noise: Annotated[NoiseBlock | None, Field(description="Of its outputs; none where left out.")] = None
+
+    @property
+    def first(self) -> Exact:
+        return EXACT_ZERO if self.offset is None else self.offset
+
+    @property
+    def rows(self) -> int:
+        """How many outputs it has."""
+        return len(self.output) if self.output is not None else 0 if self.C is None else self.C.shape[0]
+
+
+def _named(value: Any) -> Any:
+    if isinstance(value, list):
+        sensors = [_rewritten(k, entry) for k, entry in enumerate(value)]
+        raise wrong("sensors have names: a mapping is expected", f"write sensors: {{{', '.join(sensors)}}}")
+    return value
+
+
+def _rewritten(k: int, entry: Any) -> str:
+    """A sensor of a list, as it is to be written."""
+    known = entry if isinstance(entry, dict) else {}
+    law = known.get("sampling", known)
+    period = law.get("period") if isinstance(law, dict) else None
+    kind = "output" if "output" in known else "C"
+    seen = known.get(kind)
+    return f"s{k + 1}: {{{kind}: {_text(seen)}, period: {_text(period)}}}"
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, list):
+        return f"[{', '.join(map(_text, value))}]"
+    return ".." if value is None or isinstance(value, dict) else str(value)[:40]
+
+
+SensorsField = Annotated[dict[Name, SensorBlock], BeforeValidator(_named)]
+
+
+def one_law(value: Any, info: ValidationInfo) -> Any:
+    """A list of sampling laws is refused, and shown as sensors."""
+    if not isinstance(value, list):
+        return value
+    C = info.data.get("C")
+    rows = C.texts() if C is not None and C.shape[0] == len(value) else [[".."]] * len(value)
+    sensors = [_rewritten(k, {"C": [rows[k]], "sampling": law}) for k, law in enumerate(value)]
+    what = "one law for all outputs is expected; outputs with periods of their own are sensors"
+    raise wrong(what, f"write, for C and sampling, sensors: {{{', '.join(sensors)}}}")
+
+
+def sensor_problems(
+    sensors: Mapping[str, SensorBlock], wrong_fields: set[str], states: tuple[str, ...] | None, dynamics: bool | None
+) -> Iterator[Problem]:
+    """Each sensor by itself, and all of them together; dynamics: whether the plant is typed so (None: not known)."""
+    if not 1 <= len(sensors) <= MAX_SENSORS and not wrong_fields:
+        yield Problem(AT, f"1 to {MAX_SENSORS} sensors are taken", str(len(sensors)))
+    for name, sensor in sensors.items():
+        yield from _problems_of_one(sensor, (*AT, name), states, dynamics)
+    rows = sum(sensor.rows for sensor in sensors.values())
+    if rows > MAX_STATES:
+        yield Problem(AT, f"at most {MAX_STATES} outputs are taken", str(rows))
+    yield from _noise_kinds(sensors)
+    if sensors and all(sensor.period is not None for sensor in sensors.values()):
+        yield from _schedule_problems(sensors)
+
+
+def _problems_of_one(
+    sensor: SensorBlock, at: FieldPath, states: tuple[str, ...] | None, dynamics: bool | None
+) -> Iterator[Problem]:
+    if sensor.period is None:
+        yield Problem((*at, "period"), "is required")
+    typed = [name for name in ("C", "output") if getattr(sensor, name) is not None]
+    if len(typed) != 1:
+        allowed = "output: [..] or C: [[..]]" if dynamics else "C: [[..]]"
+        yield Problem(at, "what the sensor measures is expected, once", " and ".join(typed) or None, allowed)
+    if sensor.output is not None and dynamics is False:
+        yield Problem((*at, "output"), "goes with `dynamics`, which is not given", hint="write C: [[..]]")
+    if sensor.C is not None and states is not None and sensor.C.shape[1] != len(states):
+        wanted = (sensor.C.shape[0], len(states))
+        yield from shape_problem((*at, "C"), sensor.C.shape, wanted, "a column for each state")
+    if sensor.noise is not None:
+        yield from noise_problems(sensor.noise, (*at, "noise"), sensor.rows or None)
+    if sensor.period is not None and (sensor.period - sensor.first).sign() != 1:
+        what, hint = "is not below the sensor's period", "an offset says when the sensor is read first"
+        yield Problem((*at, "offset"), what, str(sensor.first), f"0 to {sensor.period}, which is left out", hint)
+
+
+def _noise_kinds(sensors: Mapping[str, SensorBlock]) -> Iterator[Problem]:
+    """Boxes with boxes, deviations with covariances."""
+    boxed: str | None = None
+    for name, sensor in sensors.items():
+        if sensor.noise is None or len(sensor.noise.typed_kinds) != 1:
+            continue
+        kind = "a box" if sensor.noise.box is not None else "a covariance"
+        if boxed is not None and kind != boxed:
+            what, hint = "noise of all sensors is of one kind", "give each a box, or each a covariance (or std)"
+            yield Problem((*AT, name, "noise"), what, kind, boxed, hint)
+        boxed = boxed or kind
+
+
+def _schedule_problems(sensors: Mapping[str, SensorBlock]) -> Iterator[Problem]:
+    base = shortest_period(sensors)
+    odd = [
+        (*AT, name, field)
+        for name, sensor in sensors.items()
+        for field, time in (("period", sensor.period), ("offset", sensor.first))
+        if time is not None and _share(time, base) is None
+    ]
+    for at in odd:
+        what = f"is no rational multiple of the shortest period, {base}: sensors out of step are not taken yet"
+        time = getattr(sensors[str(at[2])], str(at[3]))
+        hint = "write periods and offsets in proportion, such as 0.1, 0.25 and 0.4"
+        yield Problem(at, what, str(time), hint=hint)
+    if odd:
+        return
+    listed = schedule(sensors)
+    if not any(sensor.offset == 0 for sensor in listed):
+        earliest = min(sensors, key=lambda name: float(sensors[name].first))
+        what, hint = "time begins with a sample: one sensor has the offset 0", "take the least offset from all of them"
+        yield Problem((*AT, earliest, "offset"), what, str(sensors[earliest].first), "0", hint)
+    elif not is_bounded(listed):
+        H = base * Exact(hyperperiod(listed))
+        what = f"the sensors are read as before only after {H}: with at most {MAX_PHASES} samples until then"
+        yield Problem(AT, what, hint="choose periods and offsets that are small multiples of one another")
+
+
+def shortest_period(sensors: Mapping[str, SensorBlock]) -> Exact:
+    """Of all sensors."""
+    periods = [sensor.period for sensor in sensors.values() if sensor.period is not None]
+    return min(periods, key=float)
+
+
+def _share(time: Exact, base: Exact) -> Fraction | None:
+    """time / base where that is rational, as an identity."""
+    if time.rational is not None and base.rational is not None:
+        return time.rational / base.rational
+    from cdobs_cli.exact.rational import simplify
+
+    return Exact(simplify(time.expression / base.expression)).rational
+
+
+def schedule(sensors: Mapping[str, SensorBlock]) -> list[Sensor]:
+    """The nouns of sensors in step, outputs numbered through; one whose times are not in step is left out."""
+    base, first, listed = shortest_period(sensors), 0, []
+    for name, sensor in sensors.items():
+        outputs = tuple(range(first, first + sensor.rows))
+        first += sensor.rows
+        every = None if sensor.period is None else _share(sensor.period, base)
+        offset = _share(sensor.first, base)
+        if every is not None and offset is not None:
+            listed.append(Sensor(name, outputs, every, offset))
+    return listed
+
+
+def stacked_rows(sensors: Mapping[str, SensorBlock]) -> ExactMatrix:
+    """C of all sensors, shape (p, n)."""
+    return ExactMatrix([row for sensor in sensors.values() if sensor.C is not None for row in sensor.C.rows])
+
+
+def stacked_outputs(sensors: Mapping[str, SensorBlock], states: Sequence[str]) -> tuple[Expression, ...]:
+    """What all sensors measure, as expressions over the states."""
+    return tuple(one for sensor in sensors.values() for one in _outputs(sensor, states))
+
+
+def _outputs(sensor: SensorBlock, states: Sequence[str]) -> tuple[Expression, ...]:
+    if sensor.output is not None or sensor.C is None:
+        return sensor.output or ()
+    C, x = sensor.C, [Variable(name) for name in states]
+    return tuple(sum(weighted(C, k, x), ZERO) for k in range(C.shape[0]))
+
+
+def stacked_noise(sensors: Mapping[str, SensorBlock]) -> NoiseBlock | None:
+    """The noise of all outputs: a box, or a covariance of blocks; 0 of a sensor without one."""
+    noisy = [sensor.noise for sensor in sensors.values() if sensor.noise is not None]
+    if not noisy:
+        return None
+    if noisy[0].box is not None:
+        ends = [_ends(sensor) for sensor in sensors.values()]
+        lower, upper = (tuple(end for pair in ends for end in pair[side]) for side in (0, 1))
+        return NoiseBlock(lower=lower, upper=upper)
+    return NoiseBlock(covariance=_blocks([_moment(sensor) for sensor in sensors.values()]))
+
+
+def _ends(sensor: SensorBlock) -> tuple[tuple[Exact, ...], tuple[Exact, ...]]:
+    box = None if sensor.noise is None else sensor.noise.box
+    zero = (EXACT_ZERO,) * sensor.rows
+    return (zero, zero) if box is None else (box.lower, box.upper)
+
+
+def _moment(sensor: SensorBlock) -> ExactMatrix:
+    moment = None if sensor.noise is None else sensor.noise.second_moment
+    return ExactMatrix.diagonal([EXACT_ZERO] * sensor.rows) if moment is None else moment
+
+
+def _blocks(matrices: Sequence[ExactMatrix]) -> ExactMatrix:
+    """The block-diagonal matrix of these."""
+    size, first, rows = sum(one.shape[0] for one in matrices), 0, []
+    for one in matrices:
+        after = size - first - one.shape[0]
+        rows += [[EXACT_ZERO] * first + list(row) + [EXACT_ZERO] * after for row in one.rows]
+        first += one.shape[0]
+    return ExactMatrix(rows)
