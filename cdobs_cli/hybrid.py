@@ -168,6 +168,21 @@ class HybridInclusion:
         ]
 
     @property
+    def phases_noise_floats(self) -> list[NoiseMaps[NDArray[np.float64]]]:
+        """How disturbance, and the noise of each sample of the hyperperiod, enter the error. Raises: as
+        `noise_floats`."""
+        view = PlantView.floats(self.plant, {})
+        gains = ({name: K.floats for name, K in own.items()} for own in self.phase_gains)
+        return [self._noise(replace(view, gain=own)) for own in gains]
+
+    @property
+    def phases_noise_balls(self) -> list[NoiseMaps[Matrix]]:
+        """The same in the arithmetic of `view_balls`."""
+        view = PlantView.balls(self.plant, {})
+        gains = ({name: K.balls() for name, K in own.items()} for own in self.phase_gains)
+        return [self._noise(replace(view, gain=own)) for own in gains]
+
+    @property
     def phase_gains(self) -> list[dict[str, ExactMatrix]]:
         """The gain of each sample of the hyperperiod, shape (n, p), 0 where an output is not read then."""
         own = {name: self.sampling.split(K, self.plant.p) for name, K in self.gain.items()}

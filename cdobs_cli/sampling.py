@@ -43,7 +43,7 @@ class SamplingLaw:
         gaps = [phase.gap for phase in schedule.phases(sensors)]
         if len(gaps) == 1:
             return SamplingLaw.periodic(base)
-        T_min, T_max = (base * Exact(gap) for gap in (min(gaps), max(gaps)))
+        T_min, T_max = (_times(base, gap) for gap in (min(gaps), max(gaps)))
         return SamplingLaw("multirate", T_min, T_max, sensors=tuple(sensors), gains=gains, base=base)
 
     @staticmethod
@@ -108,12 +108,12 @@ class SamplingLaw:
     @property
     def gaps(self) -> tuple[Exact, ...]:
         """The time from each sample of a hyperperiod to the next."""
-        return tuple(self.base * Exact(phase.gap) for phase in self.phases)
+        return tuple(_times(self.base, phase.gap) for phase in self.phases)
 
     @property
     def hyperperiod(self) -> Exact:
         """After which time the sensors of a multirate law are read as before."""
-        return self.base * Exact(schedule.hyperperiod(self.sensors))
+        return _times(self.base, schedule.hyperperiod(self.sensors))
 
     def gain_columns(self, outputs: int) -> int:
         """How many columns an observer's gains have together: one for each output that is read, sample by sample."""
@@ -196,7 +196,7 @@ class SamplingLaw:
         """Behind "sampling": `every 0.6`, `at periods in [0, 5]`, `every 0.6, at most 2 in a row lost`, `x every 0.1,
         theta every 0.4 from 0.2 on`."""
         if self.is_multirate:
-            return self._sensors_text(lambda share: str(self.base * Exact(share)))
+            return self._sensors_text(lambda share: str(_times(self.base, share)))
         if self.is_random:
             return f"every {self.T_min}, each sample lost with probability {self.probability}"
         if self.is_lossy:
@@ -220,7 +220,7 @@ class SamplingLaw:
         if self.is_updated:
             return "at instants that the observer chooses"
         if self.is_multirate:
-            return self._sensors_text(lambda share: f"{self.base * Exact(share)} {unit}")
+            return self._sensors_text(lambda share: f"{_times(self.base, share)} {unit}")
         if self.is_random:
             return f"every {self.T_min} {unit}, each lost with probability {self.probability}, independently"
         if self.is_lossy:
@@ -278,6 +278,15 @@ class SamplingLaw:
         if law.T_max.sign() != 1 or law.T_min.sign() == -1 or (law.T_max - law.T_min).sign() == -1:
             raise ValueError("periods that no sampling law has")
         return law
+
+
+def _times(T: Exact, share: Fraction) -> Exact:
+    """T share, cancelled where T is an expression."""
+    if T.rational is not None or share == 1:
+        return T * Exact(share)
+    from cdobs_cli.exact.rational import simplify
+
+    return Exact(simplify((T * Exact(share)).expression))
 
 
 def _is_number_of_losses(value: Any) -> bool:

@@ -13,6 +13,7 @@ from cdobs_cli.certificate import ERROR_BOUNDED, Bound, Claim, Witness, status_o
 from cdobs_cli.certify.gains import Merit
 from cdobs_cli.certify.levels import Level
 from cdobs_cli.certify.methods.base import UNREADABLE, Method, Proof, Question, Reach
+from cdobs_cli.certify.methods.clock.cycle_size import CycleMeanSquare, CyclePeak
 from cdobs_cli.certify.methods.counterexample import Attained
 from cdobs_cli.certify.methods.mean_square.average import Average
 from cdobs_cli.certify.methods.mean_square.every_time import EveryTime
@@ -24,7 +25,9 @@ from cdobs_cli.plant import Box, Plant
 
 REACHES: tuple[Reach, ...] = ("error bound", "mean square", "error attained")
 # By the question: of each name one is kept, that of the least bound.
-METHODS: tuple[type[Method], ...] = (Peak, PeakFromZero, Average, EveryTime, MeanSquareFromZero)
+METHODS: tuple[type[Method], ...] = (
+    Peak, PeakFromZero, Average, EveryTime, MeanSquareFromZero, CyclePeak, CycleMeanSquare,
+)  # fmt: skip
 Transient = Callable[[Box], tuple[arb, ...]]
 _DIGITS = 6
 _ABOUT = "this gain under its law"
@@ -41,7 +44,8 @@ class Sized:
 
 def sized(question: Question, methods: Sequence[type[Method]] = METHODS) -> list[Sized]:
     """Of a gain under its law: of every name that these methods bound the least bound. Uses the solver."""
-    asked = question.plant.is_perturbed and question.law.is_bounded
+    known = question.law.is_bounded or question.law.is_multirate
+    asked = question.plant.is_perturbed and known
     if not asked or question.inclusion.assemble_noise is None:
         return []
     least: dict[str, Sized] = {}
@@ -93,7 +97,7 @@ def merit(weights: Sequence[float]) -> Merit:
 def _asked(question: Question, methods: Iterable[type[Method]]) -> Iterator[tuple[type[Method], Question]]:
     """Every method with what it is asked: about each state, or about all of them."""
     for method in methods:
-        if method.applies(question):
+        if method.takes_law(question.law) and method.applies(question):
             states = range(question.plant.n) if method.of_one_state else ()
             yield from ((method, question.of_state(i)) for i in states)
             if not method.of_one_state:

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cdobs_cli.certify.floats import exponentials
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import PlantView
 from cdobs_cli.plant import Plant
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -28,7 +30,8 @@ def undetectable(plant: Plant) -> str | None:
 
     An eigenvalue of modulus at least 1 whose eigenvector C does not see is not moved by any gain; with constant slopes
     in the class, none converges. The test is Hautus': [lambda I - exp((A + V) delta); C] loses rank. Tried at the
-    middle and the corners of the slope box, at the longest period of the law.
+    middle and the corners of the slope box, at the longest period of the law; of sensors with periods of their own over
+    a hyperperiod, with the rows C_q exp((A + V) t_q) of all of its samples.
     """
     met = _unseen_at(plant, 0.0)
     if met is None:
@@ -36,8 +39,10 @@ def undetectable(plant: Plant) -> str | None:
     where, along, root = met
     moves = "grows" if root.real > TOLERANCE else "does not decay"
     advice = f"keep the domain away from {where}, or measure another quantity" if where else "measure another quantity"
+    law = plant.sampling
+    sampled = law.words if law.is_multirate else f"every {law.T_max}"
     return (
-        f"sampled every {plant.sampling.T_max} the plant is not detectable{' where ' + where if where else ''}: "
+        f"sampled {sampled} the plant is not detectable{' where ' + where if where else ''}: "
         f"an error along {along} {moves} (eigenvalue {_complex(root)}) and no output shows it; {advice}"
     )
 
@@ -59,19 +64,29 @@ def _unseen_at(plant: Plant, rate: float) -> tuple[str, str, complex] | None:
     """Where in the slope class, along which states and with which eigenvalue an unseen error does not decay at this
     rate."""
     view = PlantView.floats(plant, {})
-    delta = float(plant.sampling.T_max)
+    law = plant.sampling
+    delta = float(law.hyperperiod if law.is_multirate else law.T_max)
     middle = tuple((low + high) / 2 for low, high in zip(view.lower, view.upper, strict=True))
     corners = product(*zip(view.lower, view.upper, strict=True))
     for v in (middle, *islice(corners, MAX_CORNERS)):
         flow = view.flow(v)
         if not np.all(np.isfinite(flow)):
             return None
-        mode = _unseen_mode(flow + rate * np.eye(plant.n), view.C, delta)
+        mode = _unseen_mode(flow + rate * np.eye(plant.n), _seen_rows(flow, view.C, law), delta)
         if mode is not None:
             values = zip(v, view.quantities, strict=True)
             where = ", ".join(_equation(rho.text(plant.states), value) for value, rho in values)
             return where, _direction(plant, mode[1]), mode[0] - rate
     return None
+
+
+def _seen_rows(flow: NDArray[np.float64], C: NDArray[np.float64], law: SamplingLaw) -> NDArray[np.float64]:
+    """What the samples of a hyperperiod show of the error at its beginning; C where all are alike."""
+    if not law.is_multirate:
+        return C
+    times = np.array([float(phase.time) * float(law.base) for phase in law.phases])
+    Phi = exponentials(flow * times[:, None, None])
+    return np.vstack([C[list(phase.outputs)] @ one for phase, one in zip(law.phases, Phi, strict=True)])
 
 
 def _unseen_mode(flow: NDArray[np.float64], C: NDArray[np.float64], delta: float) -> tuple[complex, Any] | None:

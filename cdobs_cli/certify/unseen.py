@@ -10,6 +10,10 @@ With constant slopes V of the class, F = A + V, two plants that differ by e(0) =
      samples; there are some where dim E > rank of C on E;
    - else exp(F T) obeys a quadratic equation on E, and C v = C exp(F T) v = 0 is enough: there are some where
      dim E > 2 rank of C on E.
+3. The same of sensors with periods T_i of their own: with E all spaces of one a >= 0 and E_g those whose angles w T_i
+   agree for sensor i, it sees at most sum_g rank of C_i on E_g (twice where the angle is not 0 or pi) dimensions; where
+   angle and offset are 0 or pi, those of C_i on E_g itself, which sensors may have in common. Some v of E is unseen by
+   all of them where dim E is more than that in all.
 
 A correction K (y - C x_hat) or a held innovation L (y - C x_hat) is 0 for such an error. All of it is rational
 linear algebra: F and C may have one irrational factor each, and T one such that w T / pi is rational.
@@ -22,7 +26,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice, product
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
+
+from flint import arb
 
 from cdobs_cli.certificate import Witness
 from cdobs_cli.certify.ball import is_hurwitz, null_space
@@ -34,6 +40,7 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, fmpq_fract
 from cdobs_cli.exact.rational import is_zero, simplify
 from cdobs_cli.plant import Plant, Quantity
 from cdobs_cli.sampling import SamplingLaw
+from cdobs_cli.sensors import Sensor
 
 S_ = TypeVar("S_")
 T_ = TypeVar("T_")
@@ -64,19 +71,22 @@ class Unseen:
         """The direction, with the slopes and the period it goes with, enough for a replay."""
         entries = tuple(rho.entry for rho in plant.slopes.quantities)
         T = self.period or plant.sampling.T_max
+        times = plant.sampling.gaps or (T,)
         data: dict[str, Any] = {
-            "arcs": [1],
+            "arcs": [1] * len(times),
             "direction": [fraction_text(value) for value in self.direction],
             "states": list(plant.states),
         }
         if self.outputs:
             columns = zip(plant.output_quantities, self.outputs, strict=True)
-            data["outputs"] = [{"entry": list(rho.entry), "values": [str(value)]} for rho, value in columns]
+            data["outputs"] = [
+                {"entry": list(rho.entry), "values": [str(value)] * len(times)} for rho, value in columns
+            ]
         return Witness(
             "vector",
             "class" if entries or self.outputs else "plant",
-            (str(T),),
-            (tuple(map(str, self.values)),),
+            tuple(map(str, times)),
+            (tuple(map(str, self.values)),) * len(times),
             self.factor,
             entries,
             data,
@@ -92,10 +102,9 @@ class Unseen:
         if self.period is None:
             seen = f"no measurement ever shows an error along {direction}{where}, and it does not decay"
             return f"the plant is not detectable: {seen}, so no gain helps; measure another quantity"
-        seen = (
-            f"sampled every {self.period}, no measurement shows an error along {direction}{where}, and it "
-            f"does not decay"
-        )
+        law = plant.sampling
+        sampled = law.words if law.is_multirate else f"every {self.period}"
+        seen = f"sampled {sampled}, no measurement shows an error along {direction}{where}, and it does not decay"
         return f"the sampled plant is not detectable: {seen}, so no gain helps; another period may"
 
 
@@ -108,9 +117,9 @@ def unseen(plant: Plant, law: SamplingLaw | None = None) -> Unseen | None:
     law = law or plant.sampling
     if law.is_random:  # what no sample shows is not shown by those that arrive
         law = SamplingLaw.periodic(law.period)
-    if not law.is_bounded:
+    if not (law.is_bounded or law.is_multirate):
         return None
-    found = []
+    found, at_samples_of = [], _at_sensors if law.is_multirate else _at_samples
     seen = [(w, _factored(plant.output_matrix(w))) for w in _candidates(plant.output_quantities)]
     for values, (w, C) in _pairs(list(_candidates(plant.slopes.quantities)), seen):
         F = None if C is None else _factored(_flow(plant, values))
@@ -121,7 +130,7 @@ def unseen(plant: Plant, law: SamplingLaw | None = None) -> Unseen | None:
             return Unseen(values, None, always, None, w)
         found.append((values, w, F, C))
     for values, w, F, C in found:
-        at_samples = _at_samples(F, C[1], law)
+        at_samples = at_samples_of(F, C[1], law)
         if at_samples is not None:
             T, direction, factor = at_samples
             return Unseen(values, T, direction, factor, w)
@@ -228,6 +237,85 @@ def _at_samples(F: tuple[Exact, Matrix], C: Matrix, law: SamplingLaw) -> tuple[E
             if direction is not None:
                 return T, direction, lower_text((fraction_ball(a) * c.ball() * T.ball()).exp(), 9) if a > 0 else "1"
     return None
+
+
+def _at_sensors(F: tuple[Exact, Matrix], C: Matrix, law: SamplingLaw) -> tuple[Exact, tuple[Fraction, ...], str] | None:
+    """(T, direction, growth) of an error that no sensor sees, of those of one a >= 0; T the shortest period."""
+    c, F_0 = F
+    alike: dict[Fraction, list[tuple[Fraction, Matrix]]] = {}
+    for a, w_squared, W in _spaces(F_0):
+        if a >= 0:
+            alike.setdefault(a, []).append((w_squared, W))
+    for a, spaces in alike.items():
+        for chosen in (spaces, *([one] for one in spaces if len(spaces) > 1)):
+            E = _beside([W for _, W in chosen])
+            if E.shape[1] > _seen_of(chosen, C, c, law):
+                H = law.hyperperiod
+                growth = lower_text((fraction_ball(a) * c.ball() * H.ball()).exp(), 9) if a > 0 else "1"
+                return law.base, _least_seen(E, C, F_0, c, law), growth
+    return None
+
+
+def _seen_of(spaces: list[tuple[Fraction, Matrix]], C: Matrix, c: Exact, law: SamplingLaw) -> int:
+    """At most so many dimensions of the spaces' sum do the samples of all sensors see together."""
+    rows, more = list[Matrix](), 0
+    for sensor in law.sensors:
+        own = C[list(sensor.outputs), :]
+        for alike in _classes(sensor, spaces, c, law):
+            parts = [own @ W if k in alike.members else own @ W * 0 for k, (_, W) in enumerate(spaces)]
+            if alike.is_plain:
+                rows.append(_beside(parts))
+            else:
+                more += int(_beside(parts).data.rank()) * (1 if alike.is_real else 2)
+    return more + (int(block([[one] for one in rows]).data.rank()) if rows else 0)
+
+
+class _Alike(NamedTuple):
+    """Spaces (their numbers) on which exp(F T_i) turns by one angle; is_real: by 0 or pi; is_plain: and the time of the
+    sensor's offset too, so that all of its samples see a multiple of what C sees."""
+
+    members: tuple[int, ...]
+    is_real: bool
+    is_plain: bool
+
+
+def _classes(sensor: Sensor, spaces: list[tuple[Fraction, Matrix]], c: Exact, law: SamplingLaw) -> Iterator[_Alike]:
+    turned: dict[Any, list[int]] = {}
+    for k, (w_squared, _) in enumerate(spaces):
+        angle = _angle(w_squared, sensor.every, c, law)
+        turned.setdefault(("unknown", k) if angle is None else angle, []).append(k)
+    for angle, members in turned.items():
+        offsets = {_angle(spaces[k][0], sensor.offset, c, law) for k in members}
+        is_real = angle in (0, 1)
+        yield _Alike(tuple(members), is_real, is_real and offsets in ({Fraction(0)}, {Fraction(1)}))
+
+
+def _angle(w_squared: Fraction, periods: Fraction, c: Exact, law: SamplingLaw) -> Fraction | None:
+    """w T / pi up to sign and whole turns, in [0, 1], for so many shortest periods; None where it is not rational."""
+    if w_squared == 0 or periods == 0:
+        return Fraction(0)
+    squared = _turns_squared(law.base * Exact(periods) * c)
+    turns = None if squared is None else _root(w_squared * squared)
+    return None if turns is None else min(turns % 2, 2 - turns % 2)
+
+
+def _beside(parts: list[Matrix]) -> Matrix:
+    return block([parts]) if len(parts) > 1 else parts[0]
+
+
+def _least_seen(E: Matrix, C: Matrix, F: Matrix, c: Exact, law: SamplingLaw) -> tuple[Fraction, ...]:
+    """The direction of E that the samples of two hyperperiods see least, in floats, rounded."""
+    import numpy as np
+
+    times = [float(law.base) * float(phase.time) for phase in law.phases]
+    rows = [
+        C.floats[list(phase.outputs)] @ F.exp(c.ball() * arb(t + turn * float(law.hyperperiod))).floats @ E.floats
+        for turn in (0, 1)
+        for t, phase in zip(times, law.phases, strict=True)
+    ]
+    column = E.floats @ np.linalg.svd(np.vstack(rows))[2][-1]
+    size = float(np.abs(column).max())
+    return tuple(Fraction(round(float(value) / size, 14)).limit_denominator(10**14) for value in column)
 
 
 def _spaces(F: Matrix) -> Iterator[tuple[Fraction, Fraction, Matrix]]:

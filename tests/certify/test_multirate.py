@@ -26,6 +26,7 @@ from cdobs_cli.certify.methods.counterexample import Counterexample
 from cdobs_cli.certify.methods.dead_beat import DeadBeat
 from cdobs_cli.certify.methods.rung import GENERAL
 from cdobs_cli.certify.methods.spectral import SpectralRadius
+from cdobs_cli.certify.unseen import unseen
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text
 from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw
@@ -405,3 +406,46 @@ def test_the_order_of_the_jumps_in_a_word_is_that_of_the_samples() -> None:
     proved = GENERAL.fastest(Question(inclusion), F(1, 1000)) if rho < 1 else None
     assert rho < 1 and proved is not None
     assert float(proved.prove(Question(inclusion)).rate) == pytest.approx(-np.log(rho) / 0.8, rel=2e-3)
+
+
+# ---------------------------------------------------------------- no gain
+
+
+def oscillator(T: Any, C: Any, *sensors: tuple[str, tuple[int, ...], Any, Any]) -> Plant:
+    """Of period 0.4, undamped, beside a state that grows."""
+    zero = [[0] * 3 for _ in range(3)]
+    return plant([[0, "5*pi", 0], ["-5*pi", 0, 0], [0, 0, 0]], zero, zero, C, law(T, *sensors))
+
+
+def test_sensors_in_step_with_an_oscillation_see_half_of_it() -> None:
+    """Half a turn every 0.2: a sensor every 0.2 and one that sees the third state alone; every 0.1 sees all of it."""
+    C = [[1, 0, 0], [0, 0, 1]]
+    every = {"0.2": ("a", (0,), 2, 0), "0.1": ("a", (0,), 1, 0)}
+    third = {"0.2": ("b", (1,), 1, 0), "0.1": ("b", (1,), 2, "1/2")}
+    hidden = unseen(oscillator("0.1", C, every["0.2"], third["0.2"]))
+    assert hidden is not None and abs(hidden.direction[1]) == 1 and abs(hidden.direction[0]) < 1e-9
+    assert unseen(oscillator("0.1", C, every["0.1"], third["0.1"])) is None
+    # The second sensor sees the oscillation too, a quarter of a turn later: together they see all of it.
+    both, together = [[1, 0, 0], [1, 0, 1]], (("a", (0,), 2, 0), ("b", (1,), 2, 1))
+    assert unseen(oscillator("0.1", both, *together)) is None
+    # Of two sensors half a turn apart, neither does.
+    apart = oscillator(
+        "0.2", [[1, 0, 0], [1, 0, 0], [0, 0, 1]], ("a", (0,), 2, 0), ("b", (1,), 2, 1), ("c", (2,), 1, 0)
+    )
+    assert unseen(apart) is not None
+
+
+def test_an_oscillation_that_is_not_seen_is_refuted_for_every_gain(tmp_path: Path) -> None:
+    text = """\
+spec_version: 1
+plant: {states: [x, v, b], dynamics: [v, "-4*x", "0"]}
+measurement: {sensors: {a: {output: [x], period: pi/2}, c: {output: [b], period: pi/4}}}
+observer: {family: reachability}
+"""
+    result = made(tmp_path, text, ("check",))
+    assert result.check is not None and result.check["verdict"] == "refuted"
+    (claim,) = [one for one in result.check["claims"] if one["id"] == "convergence"]
+    assert "sampled a every pi / 2, c every pi / 4, no measurement shows an error along v" in claim["statement"]
+    seen = text.replace("output: [x]", "output: [v + b]").replace("output: [b]", "output: [x]")
+    again = made(tmp_path, seen, ("check",))
+    assert again.check is not None and again.check["verdict"] == "proved"

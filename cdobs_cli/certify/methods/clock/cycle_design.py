@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from math import log
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cdobs_cli.certify import search
-from cdobs_cli.certify.gains import Candidate, GainSearch
+from cdobs_cli.certify.gains import Candidate, GainSearch, Merit
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.clock.certificate import GAIN_DIGITS
 from cdobs_cli.certify.methods.clock.cycle import ClockCycle, shapes
+from cdobs_cli.certify.methods.clock.cycle_aim import CycleAim, aimed
 from cdobs_cli.certify.methods.clock.cycle_search import free_gains, in_common, pose
 from cdobs_cli.certify.methods.clock.form import CycleShape
+from cdobs_cli.certify.methods.mean_square.aim import Aim
 from cdobs_cli.certify.methods.spectral import SpectralRadius
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 
@@ -23,6 +26,8 @@ if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
 
 _RATE_WIDTH, _RATE_DIGITS = Fraction(1, 100), 6
+_QUICK_WIDTH, _SPAN = Fraction(1, 10), 1000  # of the search for the rate half of which is asked for
+_SLOW = 50  # longest periods in which the error falls to 1 % at least, where no disturbance keeps a gain from vanishing
 
 
 def design_cycle(question: Question, letter: str = "K") -> tuple[ExactMatrix, Method] | None:
@@ -62,6 +67,21 @@ def _certificate(closed: Question, shape: CycleShape) -> Method | None:
     return ClockCycle.guess(closed, shape) if ClockCycle.applies(closed) else None
 
 
+def quiet_cycle(question: Question, aim: CycleAim, letter: str = "K") -> tuple[ExactMatrix, Method] | None:
+    """Gains that let least through, at the question's rate, rounded, with a certificate; or None. Uses the solver."""
+    for shape in list(shapes(question))[-2:]:
+        posed = aimed(question, shape, aim, given=False)
+        solution = None if posed is None else posed.solve(question)
+        gains = [] if posed is None or solution is None else posed.gains(solution)
+        if gains:
+            rounded = ExactMatrix.from_floats(np.hstack(gains), GAIN_DIGITS)
+            closed = question.with_gain({letter: rounded})
+            certificate = SpectralRadius.propose(closed) or ClockCycle.propose(closed)
+            if certificate is not None:
+                return rounded, certificate
+    return None
+
+
 class CycleGain(GainSearch):
     """K_q of e+ = (I - K_q C_q) e at the samples of a hyperperiod."""
 
@@ -87,3 +107,39 @@ class CycleGain(GainSearch):
             return Candidate.of(design_cycle(about), float(sigma))
 
         return search.longest(at_rate, first, _RATE_WIDTH, digits=_RATE_DIGITS) or self.at(question)
+
+    def quietest(self, question: Question) -> Candidate | None:
+        """Of white noise R = I, errors weighted by 1 / scale^2, at half of the fastest rate that is found, at most that
+        of an error that falls to 1 % in n of the longest periods."""
+        plant, H = question.plant, float(question.law.base) * float(max(one.every for one in question.law.sensors))
+        cap = search.short(log(100) / (plant.n * H), _RATE_DIGITS)
+        quick = question.with_effort(0).afresh()
+        low = search.short(float(cap) / _SPAN, _RATE_DIGITS)
+        met = search.between(lambda sigma: self._at_rate(quick, sigma), low, cap, _QUICK_WIDTH, _RATE_DIGITS)
+        if met is None:
+            return None
+        half = max(question.rate, (met[0].rational or Fraction(0)) / 2)
+        aim = Aim.quiet(question, float(half))
+        return self._quiet(question.with_rate(half), aim)
+
+    def least_error(
+        self, question: Question, merit: Merit | None = None, weights: Sequence[float] | None = None,
+        near: ExactMatrix | None = None,
+    ) -> Candidate | None:  # fmt: skip
+        """The gain of least mean square over time under what is declared, bounded signals as if uniform; where no
+        disturbance keeps a gain from vanishing at a slow rate."""
+        aim = Aim.declared(question, weights, float(question.rate))
+        if not (aim.R.any() or aim.Q.any()):
+            return None
+        H = float(question.law.base) * float(max(one.every for one in question.law.sensors))
+        slow = search.short(log(100) / (_SLOW * H), _RATE_DIGITS).rational or Fraction(0)
+        rates = (question.rate,) if aim.Q.any() else (max(question.rate, slow), question.rate)
+        candidates = (self._quiet(question.with_rate(sigma), aim) for sigma in rates)
+        return next((one for one in candidates if one is not None), None)
+
+    def _at_rate(self, question: Question, sigma: Exact) -> Candidate | None:
+        return Candidate.of(design_cycle(question.with_rate(sigma.rational or Fraction(0))), 0.0)
+
+    def _quiet(self, question: Question, aim: Aim) -> Candidate | None:
+        of_flow = CycleAim(aim.R, aim.Q, aim.Z, np.zeros_like(aim.Z))
+        return Candidate.of(quiet_cycle(question.afresh(), of_flow), 0.0)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from cdobs_cli.sensors import groups
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
+
+# Coefficients of the unknowns in a matrix that is to be positive, and its dimension.
+Block = tuple[list[tuple[slice, "Array"]], int]
 
 
 @dataclass(frozen=True)
@@ -81,19 +84,26 @@ class CycleSearch(FlowSearch):
         return free if self.gains else None
 
     def _static(self, jumps: list[list[Array]]) -> Static:
-        """The trace of all P_q(0), P_q(0) > 0, and the jump inequality at every corner of each jump."""
-        trace = np.zeros((1, self._size))
-        for start in self.shape.starts:
-            trace[0, self._unknown(start)] = svec(np.eye(self.N)) / len(self.gaps)
-        rows, right, cones = [trace], [1.0], list[Cone]([("zero", 1)])
-        blocks = list(self._given(jumps)) if self.C is None else list(self._sought(self.C))
-        for parts, dimension in blocks:
+        """One equation, and all inequalities of samples."""
+        rows, right, cones = [self._normal()], [1.0], list[Cone]([("zero", 1)])
+        for parts, dimension in self._blocks(jumps):
             rows.append(self._semidefinite(parts, dimension))
             right += [0.0] * (dimension * (dimension + 1) // 2)
             cones.append(("psd", dimension))
         return rows, right, cones
 
-    def _given(self, jumps: list[list[Array]]) -> Iterator[tuple[list[tuple[slice, Array]], int]]:
+    def _normal(self) -> Array:
+        """The mean trace of the P_q(0) is 1."""
+        trace = np.zeros((1, self._size))
+        for start in self.shape.starts:
+            trace[0, self._unknown(start)] = svec(np.eye(self.N)) / len(self.gaps)
+        return trace
+
+    def _blocks(self, jumps: list[list[Array]]) -> Iterator[Block]:
+        """P_q(0) > 0, and the jump inequality at every corner of each jump."""
+        yield from self._given(jumps) if self.C is None else self._sought(self.C)
+
+    def _given(self, jumps: list[list[Array]]) -> Iterator[Block]:
         """P_q(0), and P_(q-1)(g_(q-1)) - J_q' P_q(0) J_q, as coefficients of the unknowns, with their dimension."""
         zero, new = np.zeros((self.N, self.N)), svec(self.basis)
         for q, corners in enumerate(jumps):
@@ -103,7 +113,7 @@ class CycleSearch(FlowSearch):
                 old = svec(np.array([jump_gap(P, zero, J) for P in self.basis]))
                 yield [(start, old), (end, new)], self.N
 
-    def _sought(self, corners: list[Array]) -> Iterator[tuple[list[tuple[slice, Array]], int]]:
+    def _sought(self, corners: list[Array]) -> Iterator[Block]:
         """The jump inequality of samples whose gain is looked for, at every corner of C."""
         for gain in self.gains:
             for q in gain.samples:
@@ -120,7 +130,7 @@ class CycleSearch(FlowSearch):
         entries = np.zeros((N, len(gain.outputs), N, len(read)))  # of W, in the columns that are read
         for place, column in enumerate(gain.columns(read)):
             entries[np.arange(N), column, np.arange(N), place] = 1.0
-        units = entries.reshape(-1, N, len(read))
+        units: Array = entries.reshape(-1, N, len(read))
         W = slice(self._first(gain), self._first(gain) + len(units))
         none = np.zeros((N, len(read)))
         new = svec(np.array([jump_block(zero, none, C, P) for P in self.basis]))
@@ -182,26 +192,53 @@ class Posed(NamedTuple):
         return gains if all(np.all(np.isfinite(K)) for K in gains) else []
 
 
+@dataclass(frozen=True)
+class Scaled:
+    """The error system in the coordinates z, e = S z, and unit time (the hyperperiod): its flow, where gains are given
+    the jumps of each sample, else C at its corners."""
+
+    S: list[list[Fraction]]
+    flow: ErrorMaps[Array]
+    jumps: list[list[Array]]
+    C: list[Array] | None
+
+    @property
+    def change(self) -> Array:
+        return np.array(self.S, dtype=float)
+
+    @staticmethod
+    def of(question: Question, *, given: bool) -> Scaled | None:
+        """None where a map is not finite. given: whether the question's gain is meant, or gains are looked for."""
+        law, inclusion = question.law, question.inclusion
+        H, longest = float(law.hyperperiod), float(law.base) * float(max(one.every for one in law.sensors))
+        S = basis(inclusion, longest)
+        change = np.array(S, dtype=float)
+        back = np.linalg.inv(change)
+        phases = [in_basis(maps, change, back) for maps in inclusion.phases_floats] if given else []
+        flow = (phases[0] if given else in_basis(inclusion.floats, change, back)).mapped(lambda A: A * H, lambda J: J)
+        jumps = [list(maps.jumps()) for maps in phases]
+        finite = (flow.base, *flow.parts, *(J for corners in jumps for J in corners))
+        if not all(np.all(np.isfinite(part)) for part in finite):
+            return None
+        return Scaled(S, flow, jumps, None if given else [C @ change for C in inclusion.view_floats.output_corners()])
+
+
 def pose(question: Question, shape: CycleShape, *, given: bool) -> Posed | None:
     """None where a map is not finite. given: whether the question's gain is meant, or gains are looked for."""
-    law, inclusion = question.law, question.inclusion
-    H, longest = float(law.hyperperiod), float(law.base) * float(max(one.every for one in law.sensors))
-    S = basis(inclusion, longest)
-    change = np.array(S, dtype=float)
-    back = np.linalg.inv(change)
-    phases = [in_basis(maps, change, back) for maps in inclusion.phases_floats] if given else []
-    flow = (phases[0] if given else in_basis(inclusion.floats, change, back)).mapped(lambda A: A * H, lambda J: J)
-    jumps = [list(maps.jumps()) for maps in phases]
-    finite = (flow.base, *flow.parts, *(J for corners in jumps for J in corners))
-    if not all(np.all(np.isfinite(part)) for part in finite):
+    scaled = Scaled.of(question, given=given)
+    if scaled is None:
         return None
-    reads = tuple(phase.outputs for phase in law.phases)
-    gaps = tuple(float(gap) / H for gap in law.gaps)
-    C = None if given else [one @ change for one in inclusion.view_floats.output_corners()]
-    N = flow.base.shape[0]
-    search = CycleSearch(shape, N, gaps, reads, C, () if given else free_gains(law, N))
+    search = CycleSearch(**fields_of(question.law, shape, scaled))
     search.cuts = question.memory.setdefault((shape, given), set())
-    return Posed(search, flow, jumps, S)
+    return Posed(search, scaled.flow, scaled.jumps, scaled.S)
+
+
+def fields_of(law: SamplingLaw, shape: CycleShape, scaled: Scaled) -> dict[str, Any]:
+    """Of a search."""
+    N, H = scaled.flow.base.shape[0], float(law.hyperperiod)
+    gaps, reads = tuple(float(gap) / H for gap in law.gaps), tuple(phase.outputs for phase in law.phases)
+    gains = () if scaled.C is None else free_gains(law, N)
+    return {"shape": shape, "N": N, "gaps": gaps, "reads": reads, "C": scaled.C, "gains": gains}
 
 
 def in_common(gains: Sequence[Array], law: SamplingLaw) -> Iterator[list[Array]]:

@@ -95,6 +95,17 @@ class FlowSearch(ABC):
     def _shaped(self, free: Array) -> Array | None:
         """What is wanted of the free unknowns."""
 
+    @property
+    def drain(self) -> Array | None:
+        """Z, where Pdot + P A + A' P + 2 sigma P < -Z is asked for."""
+        return None
+
+    def _cost(self, size: int) -> Array:
+        """What is minimised over the unknowns: minus the margin."""
+        cost = np.zeros(size)
+        cost[-1] = -1.0
+        return cost
+
     def _exactly(self, P: list[Array]) -> list[Array]:
         """With its equations exact, not to the solver's tolerance."""
         return P
@@ -190,6 +201,8 @@ class FlowSearch(ABC):
         slope, value = np.einsum("ck,ckij->cij", g, local), self.values(P)
         products = value[:, None] @ flows[None]
         matrices = slope[:, None] + products + products.transpose(0, 1, 3, 2) + 2 * sigma * value[:, None]
+        if self.drain is not None:
+            matrices = matrices + np.repeat(self.lengths, self.outline.D + 1)[:, None, None, None] * self.drain
         top = np.linalg.eigvalsh(matrices)[..., -1]
         worst = top.argmax(axis=1)
         return top[np.arange(len(top)), worst], worst
@@ -235,10 +248,10 @@ class FlowSearch(ABC):
         A = SparseColumns.of(rows, columns, data, (height, size))
         b = np.zeros(height)
         b[: len(right)] = right
+        if self.drain is not None:
+            b[len(top) :] -= (np.repeat(self.lengths, self.outline.D + 1)[c][:, None] * svec(self.drain)).reshape(-1)
         flow: Cone = ("psd", self.N)
-        cost = np.zeros(size)
-        cost[-1] = -1.0
-        x, z, _ = ask_with_multipliers(cost, A, b, [*cones, *[flow] * len(cuts)], _TOLERANCE, 100)
+        x, z, _ = ask_with_multipliers(self._cost(size), A, b, [*cones, *[flow] * len(cuts)], _TOLERANCE, 100)
         if not np.all(np.isfinite(x)):
             return None
         P = list(np.einsum("nk,kij->nij", x[: self.outline.count * t].reshape(-1, t), self.basis))

@@ -1,0 +1,226 @@
+"""How large errors stay under noise and disturbance, of sensors with periods of their own.
+
+With a certificate over a cycle at a rate sigma > 0, V = e'P_q(tau)e, s = sqrt(V): between samples a disturbance adds at
+most sqrt(d'P d) to ds/dt + sigma s <= 0, and sample q adds at most kappa_q = max sqrt((K_q v)'P_q(0)(K_q v)). In the
+long run, and at all times from e = 0,
+
+    s <= max sqrt(d'P d) / sigma + max_r sum_(i < Q) kappa_(r-i) exp(-sigma (t_r - t_(r-i))) / (1 - exp(-sigma H)),
+
+and |e_j| <= sqrt((P^-1)_jj) s. White noise and disturbances, independent of what was before, add tr(P Q) to
+dE V/dt + 2 sigma E V <= 0 and tr(K_q'P_q(0)K_q R) at sample q: E V has the same bound with 2 sigma. Errors of bounded
+and of white signals add (the error system is linear under each V(t)): roots of mean squares do.
+
+Source: cdobs, error bounds
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import product
+from typing import TYPE_CHECKING, ClassVar, Self
+
+import numpy as np
+from flint import arb
+
+from cdobs_cli.certify import search
+from cdobs_cli.certify.methods.base import NOTHING, Proof, Question, Reach
+from cdobs_cli.certify.methods.clock.certificate import is_small, largest_states
+from cdobs_cli.certify.methods.clock.cycle import ClockCycle, shapes
+from cdobs_cli.certify.methods.mean_square.signals import bounded_floats, noise_floats
+from cdobs_cli.certify.methods.peak.signals import acting, acting_sizes
+from cdobs_cli.certify.methods.peak.state import number_of
+from cdobs_cli.certify.texts import rate_of, upper_texts
+from cdobs_cli.exact.functions import fraction_ball
+from cdobs_cli.exact.matrix import Matrix
+from cdobs_cli.exact.numbers import fraction_text
+from cdobs_cli.plant import Box, Plant
+
+if TYPE_CHECKING:
+    from cdobs_cli.certify.methods.clock.cycle_aim import CycleAim
+
+_PARTS = (0.2, 0.4, 0.65)  # of the fastest rate
+_WIDTH = Fraction(1, 20)
+_P_DIGITS = 12
+_MOST_VERTICES = 2**10
+
+
+@dataclass(frozen=True)
+class CycleSize(ClockCycle):
+    """A certificate over a cycle at a rate above 0, and the state (its number) whose error it bounds."""
+
+    state: str
+
+    how: ClassVar[str] = "exact Bernstein coefficients"
+    of_one_state: ClassVar[bool] = True
+
+    @classmethod
+    @abstractmethod
+    def is_about(cls, plant: Plant) -> bool:
+        """Whether what is declared is of its kind."""
+
+    @classmethod
+    def applies(cls, question: Question) -> bool:
+        inclusion = question.inclusion
+        known = question.law.is_multirate and inclusion.assemble_noise is not None and is_small(inclusion)
+        return known and question.start is None and cls.is_about(question.plant)
+
+    @classmethod
+    def propose(cls, question: Question) -> Self | None:
+        """The least bound found for the error of the question's state, of a few rates. The memory keeps the fastest."""
+        if question.state is None or not cls.applies(question):
+            return None
+        proposals = (cls._at(question.with_rate(sigma)) for sigma in _rates(question))
+        proved = [(one, one.prove(question).error) for one in proposals if one is not None]
+        known = [(one, error) for one, error in proved if error is not None]
+        return min(known, key=lambda pair: float(pair[1]), default=(None,))[0]
+
+    @classmethod
+    def _at(cls, question: Question) -> Self | None:
+        """Of the first shape that gives one at the question's rate."""
+        from cdobs_cli.certify.methods.clock.cycle_aim import aimed
+
+        aim = _aim(question)
+        for shape in list(shapes(question))[-2:]:
+            posed = aimed(question, shape, aim, given=True)
+            solution = None if posed is None else posed.solve(question)
+            if posed is None or solution is None:
+                continue
+            texts = [[fraction_text(value) for value in row] for row in posed.S]
+            P, pieces = [upper_texts(P, _P_DIGITS) for P in solution.P], [str(count) for count in shape.pieces_of]
+            rate = fraction_text(question.rate)
+            one = cls(question.law, str(shape.d), str(shape.D), pieces, rate, texts, P, str(question.state))
+            if one.prove(question).holds:
+                return one
+        return None
+
+    def _prove(self, question: Question) -> Proof:
+        sigma, i = rate_of(self.sigma), number_of(self.state, question.plant)
+        if not self.applies(question) or not sigma > 0 or not super()._prove(question).holds:
+            return NOTHING
+        reach = largest_states(self._pieces(self.coefficients), self.S, question.plant.n)
+        s = None if reach is None else self._largest(question, sigma)
+        if reach is None or s is None:
+            return NOTHING
+        error = (reach[i].sqrt() * s).upper()
+        return Proof(True, error=error) if error.is_finite() else NOTHING
+
+    def _largest(self, question: Question, sigma: Fraction) -> arb | None:
+        """An upper end of the root of (the mean of) V in the long run; None where there are too many vertices."""
+        plant, back, P = question.plant, self.S.inverse(), self.coefficients
+        noise = question.inclusion.phases_noise_balls
+        kicks = [back @ one.kick for one in noise]
+        drive = back @ noise[0].drive
+        ends = [P[start] for start in self.shape.starts]
+        d, v = _vertices(plant.disturbance, drive), [_vertices(plant.noise, G) for G in kicks]
+        if d is None or any(one is None for one in v):
+            return None
+        by_disturbance = _most(arb((x.T @ one @ x)[0, 0]) for one in P for x in d).sqrt()
+        kappa = [_most(arb((x.T @ P_0 @ x)[0, 0]) for x in own or ()).sqrt() for P_0, own in zip(ends, v, strict=True)]
+        bounded = by_disturbance / fraction_ball(sigma) + self._summed(kappa, sigma)
+        Q = None if plant.intensity is None else drive @ plant.intensity.balls() @ drive.T
+        drift = arb(0) if Q is None else _most(_trace(one @ Q) for one in P) / fraction_ball(2 * sigma)
+        R = None if plant.covariance is None else plant.covariance.balls()
+        jumps = [arb(0) if R is None else _trace(G.T @ P_0 @ G @ R) for P_0, G in zip(ends, kicks, strict=True)]
+        return bounded + (drift + self._summed(jumps, 2 * sigma)).max(arb(0)).sqrt()
+
+    def _summed(self, jumps: list[arb], rate: Fraction) -> arb:
+        """Just after the worst sample: what jumps so large, each decaying at this rate, come to."""
+        gaps, count, rho = [gap.ball() for gap in self.law.gaps], len(jumps), fraction_ball(rate)
+        whole = 1 - (-rho * self.law.hyperperiod.ball()).exp()
+        sums = []
+        for r in range(count):
+            total, age = arb(0), arb(0)
+            for i in range(count):
+                total += jumps[(r - i) % count] * (-rho * age).exp()
+                age += gaps[(r - i - 1) % count]
+            sums.append(total / whole)
+        return _most(iter(sums))
+
+
+@dataclass(frozen=True)
+class CyclePeak(CycleSize):
+    """Of bounded disturbance and noise."""
+
+    name: ClassVar[str] = "cycle_peak"
+    rung: ClassVar[str] = "peak"
+    statement: ClassVar[str] = "The error stays bounded"
+    reach: ClassVar[Reach] = "error bound"
+
+    @classmethod
+    def is_about(cls, plant: Plant) -> bool:
+        return plant.has_only_bounded
+
+    def quantity(self, plant: Plant) -> str:
+        return f"error.{plant.states[number_of(self.state, plant)]}"
+
+
+@dataclass(frozen=True)
+class CycleMeanSquare(CycleSize):
+    """Where one of disturbance and noise is white, or both."""
+
+    name: ClassVar[str] = "cycle_mean_square"
+    rung: ClassVar[str] = "mean_square"
+    statement: ClassVar[str] = "The mean square of the error stays bounded"
+    reach: ClassVar[Reach] = "mean square"
+
+    @classmethod
+    def is_about(cls, plant: Plant) -> bool:
+        return plant.has_white
+
+    def quantity(self, plant: Plant) -> str:
+        return f"rms.{plant.states[number_of(self.state, plant)]}"
+
+
+def _rates(question: Question) -> list[Fraction]:
+    """Parts of the fastest rate that is proved with little effort, which the memory keeps."""
+    from cdobs_cli.certify.methods.rung import GENERAL
+
+    if "fastest" not in question.memory:
+        quick = question.with_effort(min(question.effort, 1)).afresh()
+        met = GENERAL.fastest(quick, _WIDTH)
+        rate = None if met is None else met.prove(quick).rate
+        question.memory["fastest"] = 0.0 if rate is None else min(float(rate.lower()), 1e9)
+    fastest = question.memory["fastest"]
+    return [search.short(fastest * part, 6).rational or Fraction(0) for part in _PARTS if fastest > 0]
+
+
+def _aim(question: Question) -> CycleAim:
+    """The state, and second moments that stand for what is declared at this rate: of N samples in a hyperperiod bounded
+    noise adds up to about N^2, and all of it over 1 / (sigma H) hyperperiods."""
+    from cdobs_cli.certify.methods.clock.cycle_aim import CycleAim
+
+    plant, law = question.plant, question.law
+    (R, Q), (v, d) = noise_floats(plant), bounded_floats(plant)
+    H, count = float(law.hyperperiod), len(law.phases)
+    turns = 1 / (float(question.rate) * H)
+    floor = np.zeros((plant.n, plant.n))
+    floor[question.state, question.state] = 1.0
+    bounded = count * turns**2 * np.diag(v**2), H * turns**2 * np.diag(d**2)
+    return CycleAim(R * turns / 2 + bounded[0], Q * turns / 2 + bounded[1], np.zeros_like(floor), floor)
+
+
+def _vertices(box: Box | None, G: Matrix) -> list[Matrix] | None:
+    """G times the corners of a box as large as the signals become, one of each two that are opposite."""
+    columns = acting(box)
+    sizes = acting_sizes(box)
+    if 2 ** len(columns) > _MOST_VERTICES:
+        return None
+    if not columns:
+        return []
+    own = G[:, columns]
+    signs = ((1, *rest) for rest in product((1, -1), repeat=len(columns) - 1))
+    return [own @ Matrix.from_rows([[size * sign] for size, sign in zip(sizes, one, strict=True)]) for one in signs]
+
+
+def _trace(M: Matrix) -> arb:
+    return sum((arb(M[i, i]) for i in range(M.shape[0])), arb(0))
+
+
+def _most(values: Iterator[arb]) -> arb:
+    most = arb(0)
+    for value in values:
+        most = most.max(value)
+    return most
