@@ -65,7 +65,7 @@ class ImplicitRun:
             if self.loop.observer.trigger is not None and (theta := step.first_root())[0] <= 1.0:
                 part, new = step.polished(partial(self._part, step, floor), theta)
                 until, code = step.t + part, End.TRIGGERED
-            grid.fill(runs, until, step.t, step.h, step.coefficients, step.y, held)
+            _fill(grid, run, float(until[0]), step)
             progress.t[run], progress.y[:, run], progress.h[run] = until[0], new[:, 0], solver.h_abs
             code = End.HALTED if watch(runs, until, new, held)[run] else code
         return code
@@ -143,6 +143,15 @@ def _stepped(solver: Radau) -> bool:
         except (ArithmeticError, ValueError, np.linalg.LinAlgError):
             return False
     return solver.status != "failed" and bool(np.isfinite(solver.y).all())
+
+
+def _fill(grid: Grid, run: int, until: float, step: Along) -> None:
+    """Read all times up to `until` from a step of one run."""
+    points, places = grid.take(run, until)
+    if len(points):
+        theta = (points - step.t) / step.h
+        y = dormand_prince.interpolate_one(step.coefficients[:, :, 0], step.y[:, 0], theta)
+        grid.put(run, places, y, step.held)
 
 
 def _along(loop: ClosedLoop, solver: Radau, held: Array) -> Along:
