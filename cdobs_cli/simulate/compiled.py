@@ -192,7 +192,8 @@ class _Batch(ctypes.Structure):
         + [(name, ctypes.c_void_p) for name in (
             "grid", "low", "high", "factor", "ends", "y0", "held0", "before0", "measured0", "limit", "instants",
             "noise", "disturbance")]
-        + [("unread", ctypes.c_void_p), ("phases", ctypes.c_long), ("instants_each", ctypes.c_long), ("log", ctypes.c_void_p), ("samples", ctypes.c_void_p)]
+        + [("unread", ctypes.c_void_p), ("phases", ctypes.c_long), ("instants_each", ctypes.c_long),
+        ("log", ctypes.c_void_p), ("samples", ctypes.c_void_p)]
         + [(name, ctypes.c_long) for name in ("log_rows", "sample_rows")]
         + [(name, ctypes.c_void_p) for name in (
             "log_from", "samples_from", "code", "steps", "which", "stop_t", "stop_y", "stop_held", "margin", "first",
@@ -230,8 +231,8 @@ class Compiled:
 
         Args:
             numbers: what engine.c needs, by its names: `grid` (G,), `code`, `limit` (R,), `y0` (n, R), `held0` (c, R),
-                `before0` (n + c, R), `measured0` (p, R), `instants` (R, K) or None, `unread` (phases, p), and the limits of
-                work.
+                `before0` (n + c, R), `measured0` (p, R), `instants` (R, K) or None, `unread` (phases, p), and the
+                limits of work.
         """
         fields = dict(numbers) | self._constants(disturbance)
         instants = fields.pop("instants")
