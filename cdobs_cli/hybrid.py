@@ -116,7 +116,7 @@ class HybridInclusion:
     @property
     def view_floats(self) -> PlantView[NDArray[np.float64]]:
         """Plant and gain in floats. Where each sample has a gain of its own no one is the gain: it is not a number."""
-        if not self.sampling.is_multirate:
+        if not self.sampling.has_sensors:
             return PlantView.floats(self.plant, self.gain)
         import numpy as np
 
@@ -127,7 +127,7 @@ class HybridInclusion:
     def view_balls(self) -> PlantView[Matrix]:
         """Plant and gain, rational where the data are rational, balls at the working precision otherwise; the gain as
         in `view_floats`."""
-        if not self.sampling.is_multirate:
+        if not self.sampling.has_sensors:
             return PlantView.balls(self.plant, self.gain)
         from flint import arb
 
@@ -148,9 +148,9 @@ class HybridInclusion:
 
     @property
     def phases_floats(self) -> list[ErrorMaps[NDArray[np.float64]]]:
-        """The maps of each sample of the hyperperiod: all of one flow, each with its own jump; one where every sample
-        is as the others. Raises: ValueError for a gain that does not fit the law."""
-        if not self.sampling.is_multirate:
+        """The maps of each reading: all of one flow, each with its own jump; one where every sample is as the others.
+        Raises: ValueError for a gain that does not fit the law."""
+        if not self.sampling.has_sensors:
             return [self.floats]
         view = PlantView.floats(self.plant, {})
         return [
@@ -160,7 +160,7 @@ class HybridInclusion:
     @property
     def phases_balls(self) -> list[ErrorMaps[Matrix]]:
         """The same in the arithmetic of `view_balls`."""
-        if not self.sampling.is_multirate:
+        if not self.sampling.has_sensors:
             return [self.balls]
         view = PlantView.balls(self.plant, {})
         return [
@@ -169,7 +169,7 @@ class HybridInclusion:
 
     @property
     def phases_noise_floats(self) -> list[NoiseMaps[NDArray[np.float64]]]:
-        """How disturbance, and the noise of each sample of the hyperperiod, enter the error. Raises: as
+        """How disturbance, and the noise of each reading, enter the error. Raises: as
         `noise_floats`."""
         view = PlantView.floats(self.plant, {})
         gains = ({name: K.floats for name, K in own.items()} for own in self.phase_gains)
@@ -184,9 +184,9 @@ class HybridInclusion:
 
     @property
     def phase_gains(self) -> list[dict[str, ExactMatrix]]:
-        """The gain of each sample of the hyperperiod, shape (n, p), 0 where an output is not read then."""
+        """The gain of each reading, shape (n, p), 0 where an output is not read then."""
         own = {name: self.sampling.split(K, self.plant.p) for name, K in self.gain.items()}
-        return [{name: own[name][q] for name in own} for q in range(len(self.sampling.phases))]
+        return [{name: own[name][q] for name in own} for q in range(len(self.sampling.readings))]
 
     @property
     def noise_floats(self) -> NoiseMaps[NDArray[np.float64]]:

@@ -10,10 +10,10 @@ from typing import Any, Literal
 
 from cdobs_cli import sensors as schedule
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
-from cdobs_cli.sensors import GAINS, Gains, Phase, Sensor
+from cdobs_cli.graph import Graph, graph
+from cdobs_cli.sensors import GAINS, MAX_LOST, Gains, Phase, Reading, Sensor
 
-MOST_LOST = 20  # samples in a row
-SamplingKind = Literal["periodic", "aperiodic", "lossy", "random", "multirate", "updated"]
+SamplingKind = Literal["periodic", "aperiodic", "lossy", "random", "multirate", "graph", "updated"]
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,9 @@ class SamplingLaw:
     which is T_max too, each lost with this probability, independently: then there is no longest time between two;
     multirate: some outputs at each sample, by `sensors` with periods in proportion to the shortest one, `base`; T_min
     and T_max are the shortest and longest time between two samples of any of them, `gains` says for which samples the
-    observer has gains of their own; updated: the observer chooses, both are 0.
+    observer has gains of their own; graph: the same of sensors whose samples may be lost, that keep no step, or that
+    are in step after very long only: what is read when is told by the timed graph; updated: the observer chooses, both
+    are 0.
     """
 
     kind: SamplingKind
@@ -39,7 +41,15 @@ class SamplingLaw:
 
     @staticmethod
     def multirate(base: Exact, sensors: Sequence[Sensor], gains: Gains = "by_phase") -> SamplingLaw:
-        """Sensors whose shortest period is `base`; where all are read at every sample, a constant period."""
+        """Sensors whose shortest period is `base`; where all are read at every sample, a constant period.
+
+        Raises: ValueError for a graph that is too large."""
+        if any(one.lost or one.is_free for one in sensors) or not schedule.is_bounded(sensors):
+            timed = graph(sensors)
+            if timed is None:
+                raise ValueError("sensors of which too much is possible")
+            T_min, T_max = _times(base, timed.shortest), _times(base, timed.longest)
+            return SamplingLaw("graph", T_min, T_max, sensors=tuple(sensors), gains=gains, base=base)
         gaps = [phase.gap for phase in schedule.phases(sensors)]
         if len(gaps) == 1:
             return SamplingLaw.periodic(base)
@@ -64,14 +74,14 @@ class SamplingLaw:
     def period(self) -> Exact:
         """What `with_period` replaces: the period, lost samples or not, the largest of an interval, or the shortest of
         all sensors'."""
-        if self.is_multirate:
+        if self.has_sensors:
             return self.base
         return self.T_min if self.is_lossy else self.T_max
 
     def with_period(self, T: Exact) -> SamplingLaw:
         """The law with its period (or its largest period) replaced; a smaller T_max takes T_min along, the shortest
         period of sensors the others, and their offsets, in proportion."""
-        if self.is_multirate:
+        if self.has_sensors:
             return SamplingLaw.multirate(T, self.sensors, self.gains)
         if self.is_random:
             return SamplingLaw.randomly(T, self.probability)
@@ -83,7 +93,7 @@ class SamplingLaw:
     @property
     def is_periodic(self) -> bool:
         """Whether all periods are one number."""
-        return not (self.is_updated or self.is_random or self.is_multirate) and self.T_min == self.T_max
+        return not (self.is_updated or self.is_random or self.has_sensors) and self.T_min == self.T_max
 
     @property
     def is_lossy(self) -> bool:
@@ -97,8 +107,31 @@ class SamplingLaw:
 
     @property
     def is_multirate(self) -> bool:
-        """Whether sensors have periods or offsets of their own."""
+        """Whether sensors have periods or offsets of their own, and what is read when repeats."""
         return self.kind == "multirate"
+
+    @property
+    def is_graph(self) -> bool:
+        """Whether what is read when is one of several possibilities, told by the timed graph."""
+        return self.kind == "graph"
+
+    @property
+    def has_sensors(self) -> bool:
+        """Whether samples differ in what is read, or in the gain that they are used with."""
+        return self.is_multirate or self.is_graph
+
+    @cached_property
+    def graph(self) -> Graph:
+        """Of sensors. Raises: ValueError of any other law."""
+        timed = graph(self.sensors) if self.has_sensors else None
+        if timed is None:
+            raise ValueError("no timed graph")
+        return timed
+
+    @property
+    def readings(self) -> tuple[Reading, ...]:
+        """What samples read that have gains of their own under `by_phase`; empty where all are alike."""
+        return self.phases or (self.graph.readings if self.is_graph else ())
 
     @cached_property
     def phases(self) -> tuple[Phase, ...]:
@@ -117,22 +150,22 @@ class SamplingLaw:
 
     def gain_columns(self, outputs: int) -> int:
         """How many columns an observer's gains have together: one for each output that is read, sample by sample."""
-        return sum(len(phase.outputs) for phase in self.phases) if self.is_multirate else outputs
+        return sum(len(one.outputs) for one in self.readings) if self.has_sensors else outputs
 
     def unread(self, outputs: int) -> list[list[int]]:
-        """The outputs that each sample of a multirate law does not read; empty of any other law."""
-        return [[k for k in range(outputs) if k not in phase.outputs] for phase in self.phases]
+        """The outputs that each reading leaves out; empty of a law without sensors."""
+        return [[k for k in range(outputs) if k not in one.outputs] for one in self.readings]
 
     def split(self, gain: ExactMatrix, outputs: int) -> list[ExactMatrix]:
-        """The gain of each sample of a multirate law, shape (n, outputs) and 0 for outputs that are not read then, of
-        the gains of all of them side by side (`gain_columns`).
+        """The gain of each reading, shape (n, outputs) and 0 for outputs that are not read then, of the gains of all of
+        them side by side (`gain_columns`).
 
         Raises: ValueError for another number of columns or outputs."""
         if gain.shape[1] != self.gain_columns(outputs) or sum(len(one.outputs) for one in self.sensors) != outputs:
             raise ValueError("a gain has a column for each output that a sample reads")
         first, split = 0, []
-        for phase in self.phases:
-            place = {output: first + k for k, output in enumerate(phase.outputs)}
+        for one in self.readings:
+            place = {output: first + k for k, output in enumerate(one.outputs)}
             columns = [place.get(output) for output in range(outputs)]
             split.append(ExactMatrix([[EXACT_ZERO if k is None else row[k] for k in columns] for row in gain.rows]))
             first += len(place)
@@ -158,14 +191,14 @@ class SamplingLaw:
     @property
     def is_bounded(self) -> bool:
         """Whether the periods are known to lie in an interval [T_min, T_max] with T_max > 0."""
-        known = not (self.is_updated or self.is_random or self.is_multirate)
+        known = not (self.is_updated or self.is_random or self.has_sensors)
         return known and self.T_max.sign() == 1 and self.T_min.sign() in (0, 1)
 
     def contains(self, other: SamplingLaw) -> bool:
         """Whether every sequence of periods of the other law is certainly one of this law."""
         if self == other:
             return True
-        if self.is_random or other.is_random or self.is_multirate or other.is_multirate:
+        if self.is_random or other.is_random or self.has_sensors or other.has_sensors:
             return False
         if self.is_lossy:
             return bool(other.multiples) and all(map(self.allows, other.multiples))
@@ -174,7 +207,7 @@ class SamplingLaw:
     def allows(self, gap: Exact) -> bool:
         """Whether t_(k+1) - t_k may certainly be so much for ever; of samples lost by chance nothing is certain, and
         sensors of different periods are not all read at each."""
-        if self.is_random or self.is_multirate:
+        if self.is_random or self.has_sensors:
             return False
         if self.is_lossy:
             return any(gap == one or (gap - one).sign() == 0 for one in self.multiples)
@@ -185,6 +218,8 @@ class SamplingLaw:
         """`T_k = 0.6`, `T_k in [0, 5]`, `T_k in {0.6, .., 1.8}`."""
         if self.is_multirate:
             return f"T_k in {{{', '.join(map(str, self.gaps))}}}"
+        if self.is_graph:
+            return f"T_k in [{self.T_min}, {self.T_max}]"
         if self.is_lossy:
             return f"T_k in {{{self.T_min}, .., {self.T_max}}}"
         if self.is_random:
@@ -195,7 +230,7 @@ class SamplingLaw:
     def words(self) -> str:
         """Behind "sampling": `every 0.6`, `at periods in [0, 5]`, `every 0.6, at most 2 in a row lost`, `x every 0.1,
         theta every 0.4 from 0.2 on`."""
-        if self.is_multirate:
+        if self.has_sensors:
             return self._sensors_text(lambda share: str(_times(self.base, share)))
         if self.is_random:
             return f"every {self.T_min}, each sample lost with probability {self.probability}"
@@ -206,7 +241,7 @@ class SamplingLaw:
     @property
     def open_end(self) -> str:
         """The law without its period: `constant periods`, `periods from 0.1`, `x every T, theta every 4 T`."""
-        if self.is_multirate:
+        if self.has_sensors:
             told = self._sensors_text(lambda share: "T" if share == 1 else f"{share} T")
             return f"T the shortest period of the sensors, the others in proportion: {told}"
         if self.is_random:
@@ -219,7 +254,7 @@ class SamplingLaw:
         """For people, in a unit of time: `every 0.6 s`, `at intervals anywhere in [0, 5] s`."""
         if self.is_updated:
             return "at instants that the observer chooses"
-        if self.is_multirate:
+        if self.has_sensors:
             return self._sensors_text(lambda share: f"{_times(self.base, share)} {unit}")
         if self.is_random:
             return f"every {self.T_min} {unit}, each lost with probability {self.probability}, independently"
@@ -232,16 +267,14 @@ class SamplingLaw:
         )
 
     def _sensors_text(self, time: Callable[[Fraction], str]) -> str:
-        """`x every 0.1, theta every 0.4 from 0.2 on`, a time by its share of the shortest period."""
-        return ", ".join(
-            f"{one.name} every {time(one.every)}" + (f" from {time(one.offset)} on" if one.offset else "")
-            for one in self.sensors
-        )
+        """`x every 0.1, theta every 0.4 from 0.2 on, of which at most 2 in a row are lost, z after 0.1 to 0.3`, a time by
+        its share of the shortest period."""
+        return ", ".join(_sensor_text(one, time) for one in self.sensors)
 
     def document(self) -> dict[str, Any]:
         """As in a spec: {period}, {min_period, max_period} or {updated}; {period, lost} where samples may be lost;
         of sensors the shortest period, and theirs as multiples of it."""
-        if self.is_multirate:
+        if self.has_sensors:
             return {"period": str(self.base), "sensors": schedule.document(self.sensors), "gains": self.gains}
         if self.is_random:
             return {"period": str(self.T_min), "probability": str(self.probability)}
@@ -269,7 +302,7 @@ class SamplingLaw:
                     raise ValueError("not a sampling law")
             case {"period": str(period), "sensors": sensors, "gains": gains, **rest} if not rest and gains in GAINS:
                 law = SamplingLaw.multirate(Exact(period), schedule.from_document(sensors), gains)
-                if not law.is_multirate:
+                if not law.has_sensors:
                     raise ValueError("not a sampling law")
             case {"min_period": str(shortest), "max_period": str(longest), **rest} if not rest:
                 law = SamplingLaw("aperiodic", Exact(shortest), Exact(longest))
@@ -278,6 +311,14 @@ class SamplingLaw:
         if law.T_max.sign() != 1 or law.T_min.sign() == -1 or (law.T_max - law.T_min).sign() == -1:
             raise ValueError("periods that no sampling law has")
         return law
+
+
+def _sensor_text(one: Sensor, time: Callable[[Fraction], str]) -> str:
+    if one.least is not None:
+        return f"{one.name} {time(one.least)} to {time(one.every)} apart"
+    since = f" from {time(one.offset)} on" if one.offset else ""
+    losses = f", at most {one.lost} in a row lost" if one.lost else ""
+    return f"{one.name} every {time(one.every)}{since}{losses}"
 
 
 def _times(T: Exact, share: Fraction) -> Exact:
@@ -290,4 +331,4 @@ def _times(T: Exact, share: Fraction) -> Exact:
 
 
 def _is_number_of_losses(value: Any) -> bool:
-    return type(value) is int and 0 < value <= MOST_LOST
+    return type(value) is int and 0 < value <= MAX_LOST

@@ -1,4 +1,4 @@
-"""Sensors with periods and offsets of their own: which of them are read when, as phases that repeat."""
+"""Sensors with periods of their own: which of them are read when, as phases that repeat where they are in step."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 MAX_PHASES = 64  # samples of a hyperperiod
 MAX_SENSORS = 16
+MAX_LOST = 20  # samples in a row
 Gains = Literal["by_phase", "by_sensor", "one"]
 GAINS: tuple[Gains, ...] = ("by_phase", "by_sensor", "one")
 
@@ -17,21 +18,31 @@ GAINS: tuple[Gains, ...] = ("by_phase", "by_sensor", "one")
 @dataclass(frozen=True)
 class Sensor:
     """Measures the outputs of these numbers at the times (offset + k every) T, k = 0, 1, .., with T the shortest period
-    of all sensors: 0 <= offset < every."""
+    of all sensors: 0 <= offset < every; of these samples at most `lost` in a row are lost. Or, where `least` is given,
+    again and again between least T and every T after the time before, whenever that is."""
 
     name: str
     outputs: tuple[int, ...]
     every: Fraction
     offset: Fraction = Fraction(0)
+    lost: int = 0
+    least: Fraction | None = None
+
+    @property
+    def is_free(self) -> bool:
+        """Whether it keeps no step."""
+        return self.least is not None
+
+    @property
+    def longest(self) -> Fraction:
+        """Between two samples that arrive, in T."""
+        return self.every * (self.lost + 1)
 
 
 @dataclass(frozen=True)
-class Phase:
-    """One sample of the hyperperiod: at `time` T after its beginning these sensors are read, and `gap` T later the next
-    ones."""
+class Reading:
+    """Sensors that are read at one sample, all at once."""
 
-    time: Fraction
-    gap: Fraction
     sensors: tuple[Sensor, ...]
 
     @property
@@ -43,6 +54,15 @@ class Phase:
     def name(self) -> str:
         """The sensors that are read: `camera+gyro`."""
         return "+".join(sensor.name for sensor in self.sensors)
+
+
+@dataclass(frozen=True)
+class Phase(Reading):
+    """One sample of the hyperperiod: at `time` T after its beginning these sensors are read, and `gap` T later the next
+    ones."""
+
+    time: Fraction
+    gap: Fraction
 
 
 def hyperperiod(sensors: Sequence[Sensor]) -> Fraction:
@@ -68,31 +88,36 @@ def phases(sensors: Sequence[Sensor]) -> tuple[Phase, ...]:
     times = _instants(sensors)
     ends = [*times[1:], hyperperiod(sensors) + times[0]]
     return tuple(
-        Phase(time, end - time, tuple(one for one in sensors if _is_read(one, time)))
+        Phase(tuple(one for one in sensors if is_read(one, time)), time, end - time)
         for time, end in zip(times, ends, strict=True)
     )
 
 
-def _is_read(sensor: Sensor, time: Fraction) -> bool:
+def is_read(sensor: Sensor, time: Fraction) -> bool:
+    """Whether a sensor in step is read at this time, lost or not."""
     return (time - sensor.offset) % sensor.every == 0
 
 
-def groups(of: Sequence[Phase], gains: Gains) -> tuple[int, ...]:
-    """Of each phase the number of its gain: equal numbers where one gain (or columns of one) serves."""
+def groups(of: Sequence[Reading], gains: Gains) -> tuple[int, ...]:
+    """Of each sample the number of its gain: equal numbers where one gain (or columns of one) serves."""
     if gains == "by_phase":
         return tuple(range(len(of)))
     if gains == "one":
         return (0,) * len(of)
-    names = list(dict.fromkeys(phase.name for phase in of))
-    return tuple(names.index(phase.name) for phase in of)
+    names = list(dict.fromkeys(one.name for one in of))
+    return tuple(names.index(one.name) for one in of)
 
 
 def document(sensors: Sequence[Sensor]) -> list[dict[str, Any]]:
     """Periods and offsets as parts of the shortest period."""
-    return [
-        {"name": one.name, "outputs": list(one.outputs), "every": str(one.every), "offset": str(one.offset)}
-        for one in sensors
-    ]
+    return list(map(_entry, sensors))
+
+
+def _entry(one: Sensor) -> dict[str, Any]:
+    entry: dict[str, Any] = {"name": one.name, "outputs": list(one.outputs), "every": str(one.every)}
+    if one.least is not None:
+        return entry | {"least": str(one.least)}
+    return entry | {"offset": str(one.offset)} | ({"lost": one.lost} if one.lost else {})
 
 
 def from_document(entries: Any) -> tuple[Sensor, ...]:
@@ -104,23 +129,31 @@ def from_document(entries: Any) -> tuple[Sensor, ...]:
     names = {sensor.name for sensor in sensors}
     if sorted(outputs) != list(range(len(outputs))) or len(names) < len(sensors):
         raise ValueError("outputs and names that are not one sensor's each")
-    if min(one.every for one in sensors) != 1 or min(one.offset for one in sensors) != 0 or not is_bounded(sensors):
+    if len({one.is_free for one in sensors}) > 1 or min(one.every for one in sensors) != 1:
+        raise ValueError("periods that no sensors have")
+    if not sensors[0].is_free and (min(one.offset for one in sensors) != 0):
         raise ValueError("periods that no sensors have")
     return sensors
 
 
 def _sensor(entry: Any) -> Sensor:
-    if not isinstance(entry, Mapping) or entry.keys() != {"name", "outputs", "every", "offset"}:
+    if not isinstance(entry, Mapping):
         raise ValueError("not a sensor")
-    name, outputs = entry["name"], entry["outputs"]
+    further = entry.keys() - {"name", "outputs", "every"}
+    if further not in ({"least"}, {"offset"}, {"offset", "lost"}):
+        raise ValueError("not a sensor")
+    name, outputs, lost = entry["name"], entry["outputs"], entry.get("lost", 0)
     if not isinstance(name, str) or not isinstance(outputs, list) or not outputs:
         raise ValueError("not a sensor")
-    if any(type(k) is not int or k < 0 for k in outputs):
-        raise ValueError("outputs are told by their numbers")
-    every, offset = (_fraction(entry[key]) for key in ("every", "offset"))
-    if every < 1 or not 0 <= offset < every:
+    if any(type(k) is not int or k < 0 for k in outputs) or type(lost) is not int:
+        raise ValueError("outputs and losses are told by their numbers")
+    every, offset = _fraction(entry["every"]), _fraction(entry.get("offset", "0"))
+    least = _fraction(entry["least"]) if "least" in entry else None
+    if every < 1 or not 0 <= offset < every or not ("lost" not in entry or 0 < lost <= MAX_LOST):
         raise ValueError("periods that no sensor has")
-    return Sensor(name, tuple(outputs), every, offset)
+    if least is not None and not 0 < least <= every:
+        raise ValueError("periods that no sensor has")
+    return Sensor(name, tuple(outputs), every, offset, lost, least)
 
 
 def _fraction(text: Any) -> Fraction:

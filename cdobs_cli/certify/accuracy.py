@@ -44,7 +44,7 @@ class Sized:
 
 def sized(question: Question, methods: Sequence[type[Method]] = METHODS) -> list[Sized]:
     """Of a gain under its law: of every name that these methods bound the least bound. Uses the solver."""
-    known = question.law.is_bounded or question.law.is_multirate
+    known = question.law.is_bounded or question.law.has_sensors
     asked = question.plant.is_perturbed and known
     if not asked or question.inclusion.assemble_noise is None:
         return []

@@ -62,7 +62,7 @@ class Family(BaseModel, ABC):
             more = f"or ask for more: sampling: {{min_period: {law.T_min}, max_period: {law.T_max}}}"
             hint = more if law.is_lossy else None
             yield Problem(("measurement", "lost"), "family reachability takes lost samples", self.name, hint=hint)
-        if law.is_multirate and not self.takes_sensors:
+        if law.has_sensors and not self.takes_sensors:
             what = "family reachability takes sensors with periods or offsets of their own"
             more = "or read all of them at one period: C, sampling: {period: ..}"
             yield Problem(("measurement", "sensors"), what, self.name, hint=f"write family: reachability, {more}")

@@ -109,12 +109,12 @@ class ConstantGain(Family):
         """Under max_period a rate that is left out is that of an error that falls to 1 % within the horizon, or within
         50 of the typed periods."""
         law = plant.sampling
-        known = law.is_bounded or law.is_multirate
+        known = law.is_bounded or law.has_sensors
         if self.objective != "max_period" or self.rate_at_least is not None or not known:
             return self
         from cdobs_cli.exact.numbers import Exact, decimal_text
 
-        time = horizon if horizon is not None else _PERIODS * float(law.period if law.is_multirate else law.T_max)
+        time = horizon if horizon is not None else _PERIODS * float(law.period if law.has_sensors else law.T_max)
         return self.model_copy(update={"rate_at_least": Exact(decimal_text(log(100) / time, 4))})
 
     def rungs(self, question: Question) -> Sequence[Rung]:

@@ -10,8 +10,8 @@ from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact
 from cdobs_cli.fields import NonNegativeNumber, PositiveNumber, Rows
-from cdobs_cli.sampling import MOST_LOST, SamplingLaw
-from cdobs_cli.sensors import Gains
+from cdobs_cli.sampling import SamplingLaw
+from cdobs_cli.sensors import MAX_LOST, Gains
 from cdobs_cli.spec.block import Block
 from cdobs_cli.spec.boxes import MAX_STATES, ordered, shape_problem
 from cdobs_cli.spec.noise_block import NoiseBlock, noise_problems
@@ -74,7 +74,7 @@ class LostBlock(Block):
 
     model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": ["at_most"]}, {"required": ["probability"]}]})
     at_most: Annotated[
-        Annotated[int, Field(strict=True, ge=0, le=MOST_LOST)] | None, Field(description="Lost in a row, at most.")
+        Annotated[int, Field(strict=True, ge=0, le=MAX_LOST)] | None, Field(description="Lost in a row, at most.")
     ] = None
     probability: Annotated[
         NonNegativeNumber | None, Field(description="Of each sample to be lost, independently; below 1.")

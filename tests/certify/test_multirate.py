@@ -19,7 +19,7 @@ from cdobs_cli.certify import search
 from cdobs_cli.certify.falsify import Arc, Word, prove, refute, refutes
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.certificate import Clock, design_impulsive
-from cdobs_cli.certify.methods.clock.cycle import ClockCycle
+from cdobs_cli.certify.methods.clock.cycle import ClockGraph
 from cdobs_cli.certify.methods.clock.cycle_design import CycleGain, design_cycle
 from cdobs_cli.certify.methods.common_quadratic import CommonQuadratic
 from cdobs_cli.certify.methods.counterexample import Counterexample
@@ -316,10 +316,10 @@ def test_read_together_is_the_simple_case() -> None:
     assert met is not None and float(met[0]) > 2.13
 
 
-def staggered_pendulums() -> tuple[Question, ClockCycle]:
+def staggered_pendulums() -> tuple[Question, ClockGraph]:
     question = without_gain(pendulums(staggered("1.5")))
     met = design_cycle(question)
-    assert met is not None and isinstance(met[1], ClockCycle)
+    assert met is not None and isinstance(met[1], ClockGraph)
     return question.with_gain({"K": met[0]}), met[1]
 
 

@@ -147,7 +147,8 @@ class Method(ABC):
     statement: what it says, without the law. exact: whether the best gain that it finds is the best there is.
     endless: whether it holds however long the periods are. nonlinear_outputs: whether it takes outputs whose slopes
     vary. of_one_state: whether it is asked about the error of one state (`Question.state`). in_the_mean: whether it
-    takes samples that are lost by chance. multirate: whether it takes sensors with periods of their own.
+    takes samples that are lost by chance. multirate: whether it takes sensors with periods of their own. by_graph: whether it
+    takes those of which several things may happen, as the timed graph tells.
     """
 
     law: SamplingLaw
@@ -164,6 +165,7 @@ class Method(ABC):
     of_one_state: ClassVar[bool] = False
     in_the_mean: ClassVar[bool] = False
     multirate: ClassVar[bool] = False
+    by_graph: ClassVar[bool] = False
 
     @classmethod
     def applies(cls, question: Question) -> bool:
@@ -173,7 +175,11 @@ class Method(ABC):
     @classmethod
     def takes_law(cls, law: SamplingLaw) -> bool:
         """Whether it is about laws of this kind: those with one jump at times that are certain are everybody's."""
-        return (cls.in_the_mean or not law.is_random) and (cls.multirate or not law.is_multirate)
+        return (
+            (cls.in_the_mean or not law.is_random)
+            and (cls.multirate or not law.is_multirate)
+            and (cls.by_graph or not law.is_graph)
+        )
 
     @classmethod
     @abstractmethod

@@ -107,7 +107,7 @@ class Reachability(ConstantGain):
         from cdobs_cli.families.reachability.given_gain import by_sample
 
         card = super().resolved(plant, horizon)
-        if card.gain is None or not plant.sampling.is_multirate:
+        if card.gain is None or not plant.sampling.has_sensors:
             return card
         return card.model_copy(update={"gain": Gain.model_construct(K=by_sample(card.gain.K, plant))})
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.plant import Plant
-from cdobs_cli.sensors import Phase, Sensor
+from cdobs_cli.sensors import Reading, Sensor
 
 AT = ("observer", "gain", "K")
 Typed = ExactMatrix | Mapping[str, ExactMatrix] | tuple[ExactMatrix, ...]
@@ -24,31 +24,31 @@ def side_by_side(K: Typed) -> ExactMatrix:
 
 
 def by_sample(K: Typed, plant: Plant) -> tuple[ExactMatrix, ...]:
-    """The gain of each sample of the hyperperiod, (n, outputs read then), once `gain_problems` found nothing."""
-    phases = plant.sampling.phases
+    """The gain of each reading, (n, outputs read then), once `gain_problems` found nothing."""
+    readings = plant.sampling.readings
     if isinstance(K, tuple):
         return K
     if isinstance(K, ExactMatrix):
         whole = _columns(K)
-        return tuple(_joined([whole[k] for k in phase.outputs]) for phase in phases)
-    return tuple(_of_phase(K, phase) for phase in phases)
+        return tuple(_joined([whole[k] for k in reading.outputs]) for reading in readings)
+    return tuple(_of_reading(K, reading) for reading in readings)
 
 
-def _of_phase(K: Mapping[str, ExactMatrix], phase: Phase) -> ExactMatrix:
+def _of_reading(K: Mapping[str, ExactMatrix], reading: Reading) -> ExactMatrix:
     """The matrix of the set that is read, else the columns of its sensors."""
-    key = _key_of(K, phase)
+    key = _key_of(K, reading)
     if key is None:
-        return _joined([column for sensor in phase.sensors for column in _columns(K[sensor.name])])
-    named = {sensor.name: sensor for sensor in phase.sensors}
+        return _joined([column for sensor in reading.sensors for column in _columns(K[sensor.name])])
+    named = {sensor.name: sensor for sensor in reading.sensors}
     columns, place = _columns(K[key]), dict[int, tuple[Exact, ...]]()
     for name in key.split("+"):  # in the order that is typed
         for k in named[name.strip()].outputs:
             place[k] = columns[len(place)]
-    return _joined([place[k] for k in phase.outputs])
+    return _joined([place[k] for k in reading.outputs])
 
 
-def _key_of(K: Mapping[str, ExactMatrix], phase: Phase) -> str | None:
-    names = sorted(sensor.name for sensor in phase.sensors)
+def _key_of(K: Mapping[str, ExactMatrix], reading: Reading) -> str | None:
+    names = sorted(sensor.name for sensor in reading.sensors)
     return next((key for key in K if sorted(_names(key)) == names), None)
 
 
@@ -71,7 +71,7 @@ def gain_problems(K: Typed, plant: Plant) -> Iterator[Problem]:
         if K.shape != (n, plant.p):
             what = "K has one row per state and one column per output"
             yield _misshapen(AT, what, K, n, plant.p)
-    elif not law.is_multirate:
+    elif not law.has_sensors:
         what = "gains of their own belong to sensors with periods of their own"
         yield Problem(AT, what, allowed=f"one matrix, {n} x {plant.p}", hint="or write measurement.sensors")
     elif isinstance(K, Mapping):
@@ -81,39 +81,39 @@ def gain_problems(K: Typed, plant: Plant) -> Iterator[Problem]:
 
 
 def _problems_by_sample(K: tuple[ExactMatrix, ...], plant: Plant) -> Iterator[Problem]:
-    phases = plant.sampling.phases
-    read = ", ".join(phase.name for phase in phases)
-    if len(K) != len(phases):
+    readings = plant.sampling.readings
+    read = ", ".join(reading.name for reading in readings)
+    if len(K) != len(readings):
         what = f"a gain for each sample of the common pattern is expected, which reads {read} in turn"
-        yield Problem(AT, what, f"{len(K)} gains", f"{len(phases)} gains")
+        yield Problem(AT, what, f"{len(K)} gains", f"{len(readings)} gains")
         return
-    for q, (one, phase) in enumerate(zip(K, phases, strict=True)):
-        if one.shape != (plant.n, len(phase.outputs)):
-            what = f"one row per state and one column per output of {phase.name}, which sample {q + 1} reads"
-            yield _misshapen((*AT, q), what, one, plant.n, len(phase.outputs))
+    for q, (one, reading) in enumerate(zip(K, readings, strict=True)):
+        if one.shape != (plant.n, len(reading.outputs)):
+            what = f"one row per state and one column per output of {reading.name}, which sample {q + 1} reads"
+            yield _misshapen((*AT, q), what, one, plant.n, len(reading.outputs))
 
 
 def _problems_by_sensors(K: Mapping[str, ExactMatrix], plant: Plant) -> Iterator[Problem]:
-    phases = plant.sampling.phases
+    readings = plant.sampling.readings
     sensors = {sensor.name: sensor for sensor in plant.sampling.sensors}
-    read = list(dict.fromkeys(phase.name for phase in phases))
+    read = list(dict.fromkeys(reading.name for reading in readings))
     for key, matrix in K.items():
         yield from _problems_of_key(key, matrix, sensors, plant)
     for name in read:
-        phase = next(one for one in phases if one.name == name)
-        missing = [sensor.name for sensor in phase.sensors if sensor.name not in K]
-        if missing and _key_of(K, phase) is None:
+        reading = next(one for one in readings if one.name == name)
+        missing = [sensor.name for sensor in reading.sensors if sensor.name not in K]
+        if missing and _key_of(K, reading) is None:
             what = f"no gain for the samples that read {name}"
             yield Problem(AT, what, ", ".join(K) or None, f"{name}, or each of its sensors")
-    alone = [key for key in K if set(_names(key)) <= sensors.keys() and not _is_used(key, phases)]
+    alone = [key for key in K if set(_names(key)) <= sensors.keys() and not _is_used(key, readings)]
     for key in alone:
         what, allowed = "is no set of sensors that a sample reads", ", ".join(read)
         yield Problem((*AT, key), what, key, allowed)
 
 
-def _is_used(key: str, phases: tuple[Phase, ...]) -> bool:
+def _is_used(key: str, readings: tuple[Reading, ...]) -> bool:
     names = _names(key)
-    return len(names) == 1 or any(sorted(names) == sorted(one.name for one in phase.sensors) for phase in phases)
+    return len(names) == 1 or any(sorted(names) == sorted(one.name for one in reading.sensors) for reading in readings)
 
 
 def _problems_of_key(key: str, matrix: ExactMatrix, sensors: Mapping[str, Sensor], plant: Plant) -> Iterator[Problem]:

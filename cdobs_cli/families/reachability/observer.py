@@ -18,8 +18,8 @@ def observer(plant: Plant, design: Design) -> Observer:
     Source: Dinh2014, (3)
     """
     hat, K, law = tuple(PREFIX + name for name in plant.states), design.gain["K"], design.sampling
-    own = law.split(K, plant.p) if law.is_multirate else [K]
-    reads = [phase.outputs for phase in law.phases] or [tuple(range(plant.p))]
+    own = law.split(K, plant.p) if law.has_sensors else [K]
+    reads = [one.outputs for one in law.readings] or [tuple(range(plant.p))]
     jumps = tuple(_jump(plant, hat, *one) for one in zip(own, reads, strict=True))
     return Observer(
         states=hat,
@@ -27,7 +27,7 @@ def observer(plant: Plant, design: Design) -> Observer:
         flow=plant.right_hand_side(PREFIX),
         jump=jumps[0],
         estimates={"x_hat": tuple(Variable(name) for name in hat)},
-        jumps=jumps if law.is_multirate else (),
+        jumps=jumps if law.has_sensors else (),
     )
 
 

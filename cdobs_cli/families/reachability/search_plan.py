@@ -69,7 +69,7 @@ def rungs(family: Reachability, question: Question) -> Sequence[Rung]:
 def gain_searches(family: Reachability, question: Question) -> Sequence[GainSearch]:
     """The set first; where n = rank C a sample tells the state, and no other gain is needed. Of sensors with periods of
     their own the cycle alone."""
-    if question.law.is_multirate:
+    if question.law.has_sensors:
         return [CycleGain()]
     weighed = family.objective in ("given_period", "min_error") or family.error_at_most
     quiet = bool(weighed) and family.method != "set"

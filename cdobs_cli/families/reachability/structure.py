@@ -67,7 +67,7 @@ def problems(family: Reachability, plant: Plant) -> list[Problem]:
         if plant.output_quantities:
             what, got = "the set of matrices is built for outputs that are linear in the states", "method set"
             found.append(Problem((*observer, "method"), what, got, hint="method best or clock takes any output"))
-        if plant.sampling.is_multirate:
+        if plant.sampling.has_sensors:
             what, hint = "the set of matrices is built for outputs that are read together", "method best or clock"
             found.append(Problem((*observer, "method"), what, "method set", hint=hint))
         elif not (plant.sampling.is_periodic or plant.sampling.is_updated):

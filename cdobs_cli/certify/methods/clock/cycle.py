@@ -1,14 +1,18 @@
-"""The clock-dependent certificate over a cycle: sensors with periods of their own, a quadratic function for each sample
-of their common pattern.
+"""The clock-dependent certificate over a timed graph: sensors with periods of their own, a quadratic function for each
+node.
 
-Sample q comes with its own jump e+ = J_q e, and the next one g_q later. For edot in Co{A_v} e, if for P_q piecewise
-polynomial and continuous on [0, g_q], q = 0 .. Q - 1 (and q + 1 = 0 after the last),
+An edge from q to r, its guard and its jump e+ = J e tell what a sample may do (J = I where nothing arrives). For edot in
+Co{A_v} e, if for P_q piecewise polynomial and continuous on [0, T_q], T_q the longest that the clock runs in q,
 
-    Pdot_q + P_q A_v + A_v' P_q + 2 sigma P_q < 0    on [0, g_q], all corners v,          (flow)
-    P_q(g_q) - J_(q+1)' P_(q+1)(0) J_(q+1) > 0       all corners of J,                    (jump)
+    Pdot_q + P_q A_v + A_v' P_q + 2 sigma P_q < 0    on [0, T_q], all corners v,          (flow)
+    P_q(tau) - J' P_r(0) J > 0                       on the guard, all corners of J,      (jump)
     P_q(0) > 0,
 
-then V = e'P_q(tau)e falls along every flow and does not rise at samples: every error decays at rate sigma.
+then V = e'P_q(tau)e falls along every flow and does not rise at samples: every error decays at rate sigma, whichever
+way the run takes. P_q(tau) > 0 since a guard is ahead of every clock. In Bernstein form each inequality is a finite list
+of matrices.
+
+Source: cdobs, certificates over timed graphs
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import ClassVar, Self
 
 from flint import arb
@@ -25,13 +30,14 @@ from cdobs_cli.certify.levels import Level
 from cdobs_cli.certify.linear import is_linear
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question
 from cdobs_cli.certify.methods.clock.certificate import is_small, largest_states, least_eigenvalue
-from cdobs_cli.certify.methods.clock.form import CycleShape, flow_coefficients, in_basis, jump_gap, lyapunov
+from cdobs_cli.certify.methods.clock.form import GraphShape, flow_coefficients, in_basis, jump_gap, lyapunov
 from cdobs_cli.certify.texts import rate_of, rationals, symmetric_from_upper, upper_texts
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, fraction_text
+from cdobs_cli.graph import Edge
 from cdobs_cli.hybrid import ErrorMaps
 from cdobs_cli.sampling import SamplingLaw
-from cdobs_cli.sensors import hyperperiod
+from cdobs_cli.sensors import MAX_PHASES
 
 _P_DIGITS = 12
 # (d, D, pieces on the longest period of a sensor), coarse to fine, and the unknowns allowed for each, by effort.
@@ -40,29 +46,30 @@ _LARGEST = ((2000, 0, 0, 0), (2500, 1200, 800, 0), (4000, 4000, 2000, 1000), (60
 
 
 @dataclass(frozen=True)
-class ClockCycle(Method):
-    """degree d of the P_q and elevated degree D of the inequalities; pieces of each; sigma; basis: S in e = S z;
+class ClockGraph(Method):
+    """degree d of the P_q and elevated degree D of the inequalities; pieces of each between its breaks; sigma; basis: S in e = S z;
     P: the upper triangles of the Bernstein coefficients of z'P_q(tau)z, one P_q after the other."""
 
     degree: str
     elevated: str
-    pieces: list[str]
+    pieces: list[list[str]]
     sigma: str
     basis: list[list[str]]
     P: list[list[list[str]]]
 
-    name: ClassVar[str] = "clock_cycle"
+    name: ClassVar[str] = "clock_graph"
     rung: ClassVar[str] = "clock"
     source: ClassVar[str] = "clock-dependent Lyapunov functions"
     how: ClassVar[str] = "exact Bernstein coefficients"
     statement: ClassVar[str] = "A clock-dependent e'P_q(tau)e decreases along flows and does not grow at any sample"
     nonlinear_outputs: ClassVar[bool] = True
     multirate: ClassVar[bool] = True
+    by_graph: ClassVar[bool] = True
 
     @classmethod
     def applies(cls, question: Question) -> bool:
         """What the spectral radius decides better is left to it."""
-        return question.law.is_multirate and not is_linear(question.inclusion)
+        return question.law.has_sensors and not is_linear(question.inclusion)
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:
@@ -76,7 +83,7 @@ class ClockCycle(Method):
         return None
 
     @classmethod
-    def guess(cls, question: Question, shape: CycleShape) -> Self | None:
+    def guess(cls, question: Question, shape: GraphShape) -> Self | None:
         """What the solver proposes for this gain and shape: not proved."""
         from cdobs_cli.certify.methods.clock.cycle_search import pose
 
@@ -85,12 +92,12 @@ class ClockCycle(Method):
         if posed is None or solution is None:
             return None
         texts = [[fraction_text(value) for value in row] for row in posed.S]
-        P, pieces = [upper_texts(P, _P_DIGITS) for P in solution.P], [str(count) for count in shape.pieces_of]
+        P, pieces = [upper_texts(P, _P_DIGITS) for P in solution.P], [list(map(str, one)) for one in shape.pieces_of]
         return cls(question.law, str(shape.d), str(shape.D), pieces, fraction_text(question.rate), texts, P)
 
     @cached_property
-    def shape(self) -> CycleShape:
-        return CycleShape(int(self.degree), int(self.elevated), tuple(map(int, self.pieces)))
+    def shape(self) -> GraphShape:
+        return GraphShape(int(self.degree), int(self.elevated), tuple(tuple(map(int, one)) for one in self.pieces))
 
     @cached_property
     def S(self) -> Matrix:
@@ -101,17 +108,19 @@ class ClockCycle(Method):
         return [symmetric_from_upper(rows) for rows in self.P]
 
     def _prove(self, question: Question) -> Proof:
-        shape, sigma, P = self.shape, rate_of(self.sigma), self.coefficients
+        shape, sigma, P, graph = self.shape, rate_of(self.sigma), self.coefficients, self.law.graph
         if not is_small(question.inclusion) or not _well_posed(shape, self.law):
             return NOTHING
         phases = self._phases(question)
         size = phases[0].base.shape
         if len(P) != shape.count or any(matrix.shape != size for matrix in P):
             return NOTHING
-        if not all(_positive(P[start]) for start in shape.starts) or not self._falls_at_samples(phases):
+        if not all(_positive(P[start]) for start in shape.starts):
             return NOTHING
-        lengths = shape.lengths([gap.scalar for gap in self.law.gaps])
-        for slope, value in flow_coefficients(P, shape, lengths):
+        if not all(self._falls_on(edge, phases) for edge in graph.edges):
+            return NOTHING
+        breaks = [[(self.law.base * Exact(end)).scalar for end in ends] for ends in graph.breaks]
+        for slope, value in flow_coefficients(P, shape, shape.lengths(breaks)):
             if not all(_positive(-(slope + lyapunov(value, A, sigma))) for A in phases[0].corners()):
                 return NOTHING
         return Proof.of(True, sigma)
@@ -120,13 +129,12 @@ class ClockCycle(Method):
         back = self.S.inverse()
         return [in_basis(maps, self.S, back) for maps in question.inclusion.phases_balls]
 
-    def _falls_at_samples(self, phases: list[ErrorMaps[Matrix]]) -> bool:
-        P, starts, ends = self.coefficients, self.shape.starts, self.shape.ends
-        return all(
-            _positive(jump_gap(P[starts[q]], P[ends[q - 1]], J))
-            for q, maps in enumerate(phases)
-            for J in maps.jumps()
-        )  # fmt: skip
+    def _falls_on(self, edge: Edge, phases: list[ErrorMaps[Matrix]]) -> bool:
+        P, new = self.coefficients, self.coefficients[self.shape.starts[edge.target]]
+        numbers = self.shape.under(edge, self.law.graph)
+        if edge.reading is None:
+            return all(_positive(P[number] - new) for number in numbers)
+        return all(_positive(jump_gap(new, P[number], J)) for J in phases[edge.reading].jumps() for number in numbers)
 
     def level(self, question: Question) -> Level | None:
         """V = e'P_q(tau)e never rises, from what it is just after the first sample."""
@@ -136,17 +144,20 @@ class ClockCycle(Method):
         reach = largest_states(self._pieces(self.coefficients), self.S, n)
         if reach is None:
             return None
-        V = back.T @ self.coefficients[0] @ back
-        return Level(tuple(J.T @ V @ J for J in question.inclusion.phases_balls[0].jumps()), tuple(reach))
+        node, reading = self.law.graph.start
+        V = back.T @ self.coefficients[self.shape.starts[node]] @ back
+        return Level(tuple(J.T @ V @ J for J in question.inclusion.phases_balls[reading].jumps()), tuple(reach))
 
     def factor(self, question: Question) -> float | None:
-        """factor^2 = lambda_max(J_0'P_0(0)J_0) over the least eigenvalue of all P_q(tau)."""
+        """factor^2 = lambda_max(J'P_q(0)J) of the first sample over the least eigenvalue of all P_q(tau)."""
         back = self.S.inverse()
         P = [back.T @ one @ back for one in self.coefficients]
         least = least_eigenvalue(self._pieces(P))
         if least is None:
             return None
-        forms = (J.T @ P[0] @ J for J in question.inclusion.phases_balls[0].jumps())
+        node, reading = self.law.graph.start
+        first = P[self.shape.starts[node]]
+        forms = (J.T @ first @ J for J in question.inclusion.phases_balls[reading].jumps())
         largest = max(eigenvalue_range(form, smallest=False).high for form in forms)
         quotient = arb(largest) / Exact(least).ball()
         return float(quotient.sqrt().upper()) if quotient.is_finite() else None
@@ -156,27 +167,36 @@ class ClockCycle(Method):
         return (P[first : first + d + 1] for first in self.shape.firsts)
 
 
-def _well_posed(shape: CycleShape, law: SamplingLaw) -> bool:
-    """Pieces cover the time after each sample."""
-    fits = len(shape.pieces_of) == len(law.phases) > 0 and min(shape.pieces_of) > 0
-    return fits and 1 <= shape.d <= shape.D and law.T_min.sign() == 1
+def _well_posed(shape: GraphShape, law: SamplingLaw) -> bool:
+    """Pieces cover each node, and a guard is ahead of every clock."""
+    graph = law.graph
+    fits = [len(counts) == len(ends) - 1 for counts, ends in zip(shape.pieces_of, graph.breaks, strict=True)]
+    ahead = [max(edge.high for edge in graph.leaving(q)) >= node.length for q, node in enumerate(graph.nodes)]
+    least = min((count for counts in shape.pieces_of for count in counts), default=0)
+    return all(fits) and all(ahead) and least > 0 and 1 <= shape.d <= shape.D and law.base.sign() == 1
 
 
 def _positive(M: Matrix) -> bool:
     return has_positive_pivots(M.balls())
 
 
-def shapes(question: Question) -> Iterator[CycleShape]:
+def shapes(question: Question) -> Iterator[GraphShape]:
     """The schedule of shapes for this question, coarse to fine; none twice."""
     law = question.law
-    if not 0 < float(hyperperiod(law.sensors)) * float(law.base) < 1e12 or not is_small(question.inclusion):
+    if not 0 < unit(law) < 1e12 or not is_small(question.inclusion):
         return
-    N, seen = question.inclusion.floats.base.shape[0], set[CycleShape]()
-    longest = max(one.every for one in law.sensors)
+    N, seen, breaks = question.inclusion.floats.base.shape[0], set[GraphShape](), law.graph.breaks
+    longest = min(max(one.every for one in law.sensors), law.graph.longest * MAX_PHASES)
     for (d, D, pieces), largest in zip(_SCHEDULE, _LARGEST[question.level], strict=True):
-        shape = CycleShape(d, D, tuple(max(1, round(pieces * phase.gap / longest)) for phase in law.phases))
+        parts = (tuple(max(1, round(pieces * (b - a) / longest)) for a, b in pairwise(ends)) for ends in breaks)
+        shape = GraphShape(d, D, tuple(parts))
         if shape.count * N * (N + 1) // 2 > largest:
             return
         if shape not in seen:
             seen.add(shape)
             yield shape
+
+
+def unit(law: SamplingLaw) -> float:
+    """Of time, in a search: the hyperperiod, or the longest time between two samples."""
+    return float(law.hyperperiod if law.is_multirate else law.T_max)

@@ -20,10 +20,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cdobs_cli.certify.methods.base import Question
+from cdobs_cli.certify.methods.clock.cycle import unit
 from cdobs_cli.certify.methods.clock.cycle_search import Block, CycleSearch, FreeGain, Posed, Scaled, fields_of
-from cdobs_cli.certify.methods.clock.form import CycleShape
+from cdobs_cli.certify.methods.clock.form import GraphShape
 from cdobs_cli.certify.svec import full_basis, svec, symmetric_basis
-from cdobs_cli.sensors import Phase
+from cdobs_cli.sensors import Reading
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
@@ -73,13 +74,17 @@ class AimedSearch(CycleSearch):
         for first, length in pieces:  # the mean of the coefficients is that of the polynomial
             for k in range(self.shape.d + 1):
                 cost[self._unknown(first + k)] += svec(self.Q) * length / (self.shape.d + 1)
-        for start, kick in zip(self.shape.starts, self.kicks, strict=False):
-            cost[self._unknown(start)] += svec(kick @ kick.T)
+        for q, kick in enumerate(self.kicks):
+            cost[self._unknown(self._start(q))] += svec(kick @ kick.T)
         for q, L in enumerate(self.noise if self.gains else ()):
             cost[self._X(q)] += svec(np.eye(L.shape[1]))
         top = float(np.abs(cost).max())
         scaled: Array = cost / top if top > 0 else cost
         return scaled
+
+    def _start(self, q: int) -> int:
+        """Where P(0) stands after reading q."""
+        return self.shape.starts[self.graph.into(q).target]
 
     def _X(self, q: int) -> slice:
         """Where the triangle of X_q stands."""
@@ -89,7 +94,7 @@ class AimedSearch(CycleSearch):
     def _blocks(self, jumps: list[list[Array]]) -> Iterator[Block]:
         yield from super()._blocks(jumps)
         for gain in self.gains:
-            yield from ((self._noisy(gain, q), self.N + self.noise[q].shape[1]) for q in gain.samples)
+            yield from ((self._noisy(gain, q), self.N + self.noise[q].shape[1]) for q in gain.readings)
 
     def _static(self, jumps: list[list[Array]]) -> Any:
         """With P above the floor, coefficient by coefficient."""
@@ -121,7 +126,7 @@ class AimedSearch(CycleSearch):
         columns, units = gain.columns(self.reads[q]), full_basis(N, len(gain.outputs))
         W = svec(np.array([placed(W=unit[:, columns]) for unit in units]))
         first = self._first(gain)
-        parts = [(self._X(q), X), (self._unknown(self.shape.starts[q]), P), (slice(first, first + len(units)), W)]
+        parts = [(self._X(q), X), (self._unknown(self._start(q)), P), (slice(first, first + len(units)), W)]
         if gain.is_shared:
             G = svec(np.array([placed(P=one + one.T) for one in full_basis(N, N)]))
             parts.append((slice(first + len(units), first + len(units) + N * N), G))
@@ -132,17 +137,17 @@ def _triangle(L: Array) -> int:
     return int(L.shape[1] * (L.shape[1] + 1) // 2)
 
 
-def aimed(question: Question, shape: CycleShape, aim: CycleAim, *, given: bool) -> Posed | None:
+def aimed(question: Question, shape: GraphShape, aim: CycleAim, *, given: bool) -> Posed | None:
     """The search for an aim; None as `pose`."""
     scaled = Scaled.of(question, given=given)
     if scaled is None:
         return None
-    back, change, H = np.linalg.inv(scaled.change), scaled.change, float(question.law.hyperperiod)
-    noise = tuple(_factor(aim.R, phase) for phase in question.law.phases)
+    back, change, H = np.linalg.inv(scaled.change), scaled.change, unit(question.law)
+    noise = tuple(_factor(aim.R, one) for one in question.law.readings)
     kicks: tuple[Array, ...] = ()
     if given:
         maps = question.inclusion.phases_noise_floats
-        reads = [list(phase.outputs) for phase in question.law.phases]
+        reads = [list(one.outputs) for one in question.law.readings]
         kicks = tuple(back @ one.kick[:, k] @ L for one, k, L in zip(maps, reads, noise, strict=True))
     Z = change.T @ aim.Z @ change * H
     size = max(float(np.abs(Z).max()), float(np.abs(change.T @ aim.floor @ change).max()))
@@ -153,9 +158,9 @@ def aimed(question: Question, shape: CycleShape, aim: CycleAim, *, given: bool) 
     return Posed(search, scaled.flow, scaled.jumps, scaled.S)
 
 
-def _factor(R: Array, phase: Phase) -> Array:
+def _factor(R: Array, reading: Reading) -> Array:
     """L with L L' = R of what is read, in order; of no noise no column."""
-    read = list(phase.outputs)
+    read = list(reading.outputs)
     values, vectors = np.linalg.eigh(R[np.ix_(read, read)])
     kept = values > 1e-14 * max(float(values.max(initial=0.0)), 1e-300)
     L: Array = vectors[:, kept] * np.sqrt(values[kept])

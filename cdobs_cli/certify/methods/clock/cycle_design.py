@@ -14,10 +14,10 @@ from cdobs_cli.certify import search
 from cdobs_cli.certify.gains import Candidate, GainSearch, Merit
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.clock.certificate import GAIN_DIGITS
-from cdobs_cli.certify.methods.clock.cycle import ClockCycle, shapes
+from cdobs_cli.certify.methods.clock.cycle import ClockGraph, shapes
 from cdobs_cli.certify.methods.clock.cycle_aim import CycleAim, aimed
 from cdobs_cli.certify.methods.clock.cycle_search import free_gains, in_common, pose
-from cdobs_cli.certify.methods.clock.form import CycleShape
+from cdobs_cli.certify.methods.clock.form import GraphShape
 from cdobs_cli.certify.methods.mean_square.aim import Aim
 from cdobs_cli.certify.methods.spectral import SpectralRadius
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
@@ -44,18 +44,18 @@ def design_cycle(question: Question, letter: str = "K") -> tuple[ExactMatrix, Me
     return None
 
 
-def _guesses(question: Question, shape: CycleShape) -> Iterator[list[Array]]:
+def _guesses(question: Question, shape: GraphShape) -> Iterator[list[Array]]:
     """Of each sample the gain that the solver proposes. Where samples have one gain in common, which is sufficient
     only, then what is alike of the gains that each would have for itself."""
     law = question.law
     yield from _proposed(question, shape)
-    if any(gain.is_shared for gain in free_gains(law, 1)):
+    if any(len(gain.readings) > 1 for gain in free_gains(law, 1)):
         apart = question.under(replace(law, gains="by_phase"))
         for gains in _proposed(apart, shape):
             yield from in_common(gains, law)
 
 
-def _proposed(question: Question, shape: CycleShape) -> Iterator[list[Array]]:
+def _proposed(question: Question, shape: GraphShape) -> Iterator[list[Array]]:
     posed = pose(question, shape, given=False)
     solution = None if posed is None else posed.solve(question)
     gains = [] if posed is None or solution is None else posed.gains(solution)
@@ -63,8 +63,8 @@ def _proposed(question: Question, shape: CycleShape) -> Iterator[list[Array]]:
         yield gains
 
 
-def _certificate(closed: Question, shape: CycleShape) -> Method | None:
-    return ClockCycle.guess(closed, shape) if ClockCycle.applies(closed) else None
+def _certificate(closed: Question, shape: GraphShape) -> Method | None:
+    return ClockGraph.guess(closed, shape) if ClockGraph.applies(closed) else None
 
 
 def quiet_cycle(question: Question, aim: CycleAim, letter: str = "K") -> tuple[ExactMatrix, Method] | None:
@@ -76,7 +76,7 @@ def quiet_cycle(question: Question, aim: CycleAim, letter: str = "K") -> tuple[E
         if gains:
             rounded = ExactMatrix.from_floats(np.hstack(gains), GAIN_DIGITS)
             closed = question.with_gain({letter: rounded})
-            certificate = SpectralRadius.propose(closed) or ClockCycle.propose(closed)
+            certificate = SpectralRadius.propose(closed) or ClockGraph.propose(closed)
             if certificate is not None:
                 return rounded, certificate
     return None

@@ -1,7 +1,7 @@
-"""The search behind the certificate over a cycle: the flow of `flow_search`, with the jumps of samples in turn.
+"""The search behind the certificate over a timed graph: the flow of `flow_search`, with the jumps of its edges.
 
-Gains are given, or free: K_q of a sample of its own by W_q = P_q(0) K_q, and one gain for several samples by W = G K
-with a free matrix G, of which each of them uses the columns of what it reads.
+Gains are given, or free: K of edges into one node r by W = P_r(0) K, and one gain for edges into several nodes by
+W = G K with a free matrix G, of which each of them uses the columns of what it reads.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -16,9 +17,11 @@ import numpy as np
 from cdobs_cli.certify.lmi import Cone
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.certificate import basis
+from cdobs_cli.certify.methods.clock.cycle import unit
 from cdobs_cli.certify.methods.clock.flow_search import FlowSearch, Outline, Solution, Static
-from cdobs_cli.certify.methods.clock.form import CycleShape, in_basis, jump_block, jump_gap, shared_block
+from cdobs_cli.certify.methods.clock.form import GraphShape, in_basis, jump_block, jump_gap, shared_block
 from cdobs_cli.certify.svec import full_basis, svec
+from cdobs_cli.graph import Edge, Graph
 from cdobs_cli.hybrid import ErrorMaps
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.sensors import groups
@@ -32,16 +35,13 @@ Block = tuple[list[tuple[slice, "Array"]], int]
 
 @dataclass(frozen=True)
 class FreeGain:
-    """A gain that is looked for: of which samples it is, the outputs that its columns are for, and the first of its
-    unknowns among the free ones: those of W, then of G where it is of several samples."""
+    """A gain that is looked for: of which readings it is, the outputs that its columns are for, and the first of its
+    unknowns among the free ones: those of W, then of G where it is shared, by edges into several nodes."""
 
-    samples: tuple[int, ...]
+    readings: tuple[int, ...]
     outputs: tuple[int, ...]
     first: int
-
-    @property
-    def is_shared(self) -> bool:
-        return len(self.samples) > 1
+    is_shared: bool
 
     def size(self, N: int) -> int:
         return N * (len(self.outputs) + (N if self.is_shared else 0))
@@ -53,16 +53,17 @@ class FreeGain:
 
 @dataclass
 class CycleSearch(FlowSearch):
-    """Maps in scaled states and unit time (the hyperperiod), and the shape of the P_q.
+    """Maps in scaled states and unit time, and the shape of the P_q.
 
     Attributes:
-        gaps: the time after each sample. reads: the outputs that each reads.
+        breaks: of each node, in that unit. reads: the outputs of each reading.
         C: the output matrix at each of its corners where gains are looked for; None where they are given.
     """
 
-    shape: CycleShape
+    shape: GraphShape
     N: int
-    gaps: tuple[float, ...]
+    graph: Graph
+    breaks: tuple[tuple[float, ...], ...]
     reads: tuple[tuple[int, ...], ...]
     C: list[Array] | None
     gains: tuple[FreeGain, ...]
@@ -74,7 +75,7 @@ class CycleSearch(FlowSearch):
 
     @property
     def lengths(self) -> list[float]:
-        return self.shape.lengths(self.gaps)
+        return self.shape.lengths(self.breaks)
 
     @property
     def free(self) -> int:
@@ -96,30 +97,46 @@ class CycleSearch(FlowSearch):
         """The mean trace of the P_q(0) is 1."""
         trace = np.zeros((1, self._size))
         for start in self.shape.starts:
-            trace[0, self._unknown(start)] = svec(np.eye(self.N)) / len(self.gaps)
+            trace[0, self._unknown(start)] = svec(np.eye(self.N)) / len(self.shape.starts)
         return trace
 
     def _blocks(self, jumps: list[list[Array]]) -> Iterator[Block]:
-        """P_q(0) > 0, and the jump inequality at every corner of each jump."""
+        """P_q(0) > 0, and the jump inequality of each edge, at every corner of its jump."""
         yield from self._given(jumps) if self.C is None else self._sought(self.C)
 
     def _given(self, jumps: list[list[Array]]) -> Iterator[Block]:
-        """P_q(0), and P_(q-1)(g_(q-1)) - J_q' P_q(0) J_q, as coefficients of the unknowns, with their dimension."""
-        zero, new = np.zeros((self.N, self.N)), svec(self.basis)
-        for q, corners in enumerate(jumps):
-            start, end = self._unknown(self.shape.starts[q]), self._unknown(self.shape.ends[q - 1])
-            yield [(start, new)], self.N
-            for J in corners:
+        """P_q(0), and P_q - J'P_r(0)J over the guards, as coefficients of the unknowns, with their dimension."""
+        new = svec(self.basis)
+        for number in self.shape.starts:
+            yield [(self._unknown(number), new)], self.N
+        for edge in self.graph.edges:
+            if edge.reading is None:
+                yield from self._silent(edge)
+                continue
+            start, zero = self._unknown(self.shape.starts[edge.target]), np.zeros((self.N, self.N))
+            for J in jumps[edge.reading]:
                 old = svec(np.array([jump_gap(P, zero, J) for P in self.basis]))
-                yield [(start, old), (end, new)], self.N
+                yield from (([(start, old), (self._unknown(place), new)], self.N) for place in self._places(edge))
+
+    def _silent(self, edge: Edge) -> Iterator[Block]:
+        """P_q - P_r(0), where nothing arrives."""
+        new, start = svec(self.basis), self._unknown(self.shape.starts[edge.target])
+        yield from (([(start, -new), (self._unknown(place), new)], self.N) for place in self._places(edge))
+
+    def _places(self, edge: Edge) -> range:
+        return self.shape.under(edge, self.graph)
 
     def _sought(self, corners: list[Array]) -> Iterator[Block]:
-        """The jump inequality of samples whose gain is looked for, at every corner of C."""
+        """The jump inequality of edges whose gain is looked for, at every corner of C."""
+        for edge in self.graph.edges:
+            if edge.reading is None:
+                yield from self._silent(edge)
         for gain in self.gains:
-            for q in gain.samples:
-                start, end = self._unknown(self.shape.starts[q]), self._unknown(self.shape.ends[q - 1])
-                for C in corners:
-                    yield self._block(gain, C[list(self.reads[q])], self.reads[q], start, end), 2 * self.N
+            for reading in gain.readings:
+                edge, read = self.graph.into(reading), self.reads[reading]
+                start = self._unknown(self.shape.starts[edge.target])
+                for C, place in product(corners, self._places(edge)):
+                    yield self._block(gain, C[list(read)], read, start, self._unknown(place)), 2 * self.N
 
     def _block(
         self, gain: FreeGain, C: Array, read: tuple[int, ...], start: slice, end: slice
@@ -155,15 +172,16 @@ class CycleSearch(FlowSearch):
         return rows
 
     def found(self, solution: Solution) -> list[Array]:
-        """Of each sample its K, (N, outputs read). Raises: LinAlgError."""
+        """Of each reading its K, (N, outputs read). Raises: LinAlgError."""
         assert solution.W is not None
         K: list[Array] = [np.zeros((self.N, len(read))) for read in self.reads]
         for gain in self.gains:
             width = self.N * len(gain.outputs)
             W = solution.W[gain.first : gain.first + width].reshape(self.N, -1)
             G = solution.W[gain.first + width : gain.first + gain.size(self.N)]
-            for q in gain.samples:
-                by = G.reshape(self.N, self.N) if gain.is_shared else solution.P[self.shape.starts[q]]
+            for q in gain.readings:
+                own = solution.P[self.shape.starts[self.graph.into(q).target]]
+                by = G.reshape(self.N, self.N) if gain.is_shared else own
                 K[q] = np.asarray(np.linalg.solve(by, W[:, gain.columns(self.reads[q])]), dtype=float)
         return K
 
@@ -178,12 +196,12 @@ class Posed(NamedTuple):
 
     def solve(self, question: Question) -> Solution | None:
         """The solver's answer at the question's rate; None where it has none of a positive margin."""
-        sigma = float(question.rate) * float(question.law.hyperperiod)
+        sigma = float(question.rate) * unit(question.law)
         solution = self.search.solve(self.maps, self.jumps, sigma)
         return solution if solution is not None and solution.margin > 0 else None
 
     def gains(self, solution: Solution) -> list[Array]:
-        """Of each sample, in the plant's states; empty where one is not finite."""
+        """Of each reading, in the plant's states; empty where one is not finite."""
         try:
             found = self.search.found(solution)
         except np.linalg.LinAlgError:
@@ -194,8 +212,8 @@ class Posed(NamedTuple):
 
 @dataclass(frozen=True)
 class Scaled:
-    """The error system in the coordinates z, e = S z, and unit time (the hyperperiod): its flow, where gains are given
-    the jumps of each sample, else C at its corners."""
+    """The error system in the coordinates z, e = S z, and unit time: its flow, where gains are given the jumps of each
+    reading, else C at its corners."""
 
     S: list[list[Fraction]]
     flow: ErrorMaps[Array]
@@ -210,8 +228,8 @@ class Scaled:
     def of(question: Question, *, given: bool) -> Scaled | None:
         """None where a map is not finite. given: whether the question's gain is meant, or gains are looked for."""
         law, inclusion = question.law, question.inclusion
-        H, longest = float(law.hyperperiod), float(law.base) * float(max(one.every for one in law.sensors))
-        S = basis(inclusion, longest)
+        H = unit(law)
+        S = basis(inclusion, min(H, float(law.base) * float(max(one.longest for one in law.sensors))))
         change = np.array(S, dtype=float)
         back = np.linalg.inv(change)
         phases = [in_basis(maps, change, back) for maps in inclusion.phases_floats] if given else []
@@ -223,7 +241,7 @@ class Scaled:
         return Scaled(S, flow, jumps, None if given else [C @ change for C in inclusion.view_floats.output_corners()])
 
 
-def pose(question: Question, shape: CycleShape, *, given: bool) -> Posed | None:
+def pose(question: Question, shape: GraphShape, *, given: bool) -> Posed | None:
     """None where a map is not finite. given: whether the question's gain is meant, or gains are looked for."""
     scaled = Scaled.of(question, given=given)
     if scaled is None:
@@ -233,23 +251,25 @@ def pose(question: Question, shape: CycleShape, *, given: bool) -> Posed | None:
     return Posed(search, scaled.flow, scaled.jumps, scaled.S)
 
 
-def fields_of(law: SamplingLaw, shape: CycleShape, scaled: Scaled) -> dict[str, Any]:
+def fields_of(law: SamplingLaw, shape: GraphShape, scaled: Scaled) -> dict[str, Any]:
     """Of a search."""
-    N, H = scaled.flow.base.shape[0], float(law.hyperperiod)
-    gaps, reads = tuple(float(gap) / H for gap in law.gaps), tuple(phase.outputs for phase in law.phases)
-    gains = () if scaled.C is None else free_gains(law, N)
-    return {"shape": shape, "N": N, "gaps": gaps, "reads": reads, "C": scaled.C, "gains": gains}
+    N, base = scaled.flow.base.shape[0], float(law.base) / unit(law)
+    breaks = tuple(tuple(base * float(end) for end in ends) for ends in law.graph.breaks)
+    reads, gains = tuple(one.outputs for one in law.readings), () if scaled.C is None else free_gains(law, N)
+    return {
+        "shape": shape, "N": N, "graph": law.graph, "breaks": breaks, "reads": reads, "C": scaled.C, "gains": gains
+    }  # fmt: skip
 
 
 def in_common(gains: Sequence[Array], law: SamplingLaw) -> Iterator[list[Array]]:
-    """Gains of samples made alike where the law has one for several of them: in each column that of the first, of the
+    """Gains of readings made alike where the law has one for several of them: in each column that of the first, of the
     last, and the mean of all that read the output."""
-    reads, pick = [phase.outputs for phase in law.phases], (lambda one: one[0], lambda one: one[-1], _mean)
+    reads, pick = [one.outputs for one in law.readings], (lambda one: one[0], lambda one: one[-1], _mean)
     for chosen in pick:
         alike = [np.array(K) for K in gains]
         for gain in free_gains(law, len(gains[0])):
             for k in gain.outputs:
-                readers = [q for q in gain.samples if k in reads[q]]
+                readers = [q for q in gain.readings if k in reads[q]]
                 column = chosen([gains[q][:, reads[q].index(k)] for q in readers])
                 for q in readers:
                     alike[q][:, reads[q].index(k)] = column
@@ -263,11 +283,12 @@ def _mean(columns: list[Array]) -> Array:
 
 def free_gains(law: SamplingLaw, N: int) -> tuple[FreeGain, ...]:
     """The gains that the law tells apart."""
-    numbers, phases = groups(law.phases, law.gains), law.phases
+    numbers, read = groups(law.readings, law.gains), law.readings
     gains: list[FreeGain] = []
     for number in sorted(set(numbers)):
-        samples = tuple(q for q, one in enumerate(numbers) if one == number)
-        outputs = tuple(sorted({k for q in samples for k in phases[q].outputs}))
+        own = tuple(q for q, one in enumerate(numbers) if one == number)
+        outputs = tuple(sorted({k for q in own for k in read[q].outputs}))
         first = gains[-1].first + gains[-1].size(N) if gains else 0
-        gains.append(FreeGain(samples, outputs, first))
+        targets = {law.graph.into(q).target for q in own}
+        gains.append(FreeGain(own, outputs, first, len(targets) > 1))
     return tuple(gains)

@@ -1,14 +1,18 @@
 """How large errors stay under noise and disturbance, of sensors with periods of their own.
 
-With a certificate over a cycle at a rate sigma > 0, V = e'P_q(tau)e, s = sqrt(V): between samples a disturbance adds at
-most sqrt(d'P d) to ds/dt + sigma s <= 0, and sample q adds at most kappa_q = max sqrt((K_q v)'P_q(0)(K_q v)). In the
-long run, and at all times from e = 0,
+With a certificate over a timed graph at a rate sigma > 0, V = e'P_q(tau)e, s = sqrt(V): between samples a disturbance
+adds at most sqrt(d'P d) to ds/dt + sigma s <= 0, and the noise of an edge into r at most kappa = max
+sqrt((K v)'P_r(0)(K v)). What noise comes to just after a sample is at most any x of the nodes with
 
-    s <= max sqrt(d'P d) / sigma + max_r sum_(i < Q) kappa_(r-i) exp(-sigma (t_r - t_(r-i))) / (1 - exp(-sigma H)),
+    x_r >= exp(-sigma tau) x_q + kappa    of every edge from q to r, tau the least that its guard holds:
 
-and |e_j| <= sqrt((P^-1)_jj) s. White noise and disturbances, independent of what was before, add tr(P Q) to
-dE V/dt + 2 sigma E V <= 0 and tr(K_q'P_q(0)K_q R) at sample q: E V has the same bound with 2 sigma. Errors of bounded
-and of white signals add (the error system is linear under each V(t)): roots of mean squares do.
+s - x only shrinks where it is above 0. In the long run, and at all times from e = 0,
+
+    s <= max sqrt(d'P d) / sigma + max_r x_r,    |e_j| <= sqrt((P^-1)_jj) s.
+
+White noise and disturbances, independent of what was before, add tr(P Q) to dE V/dt + 2 sigma E V <= 0 and
+tr(K'P_r(0)K R) at a sample: E V has the same bound with 2 sigma. Errors of bounded and of white signals add (the error
+system is linear under each V(t)): roots of mean squares do.
 
 Source: cdobs, error bounds
 """
@@ -16,7 +20,7 @@ Source: cdobs, error bounds
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import product
@@ -28,27 +32,30 @@ from flint import arb
 from cdobs_cli.certify import search
 from cdobs_cli.certify.methods.base import NOTHING, Proof, Question, Reach
 from cdobs_cli.certify.methods.clock.certificate import is_small, largest_states
-from cdobs_cli.certify.methods.clock.cycle import ClockCycle, shapes
+from cdobs_cli.certify.methods.clock.cycle import ClockGraph, shapes, unit
 from cdobs_cli.certify.methods.mean_square.signals import bounded_floats, noise_floats
 from cdobs_cli.certify.methods.peak.signals import acting, acting_sizes
 from cdobs_cli.certify.methods.peak.state import number_of
 from cdobs_cli.certify.texts import rate_of, upper_texts
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
-from cdobs_cli.exact.numbers import fraction_text
+from cdobs_cli.exact.numbers import Exact, fraction_text
 from cdobs_cli.plant import Box, Plant
+from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
+    from cdobs_cli.arrays import Array
     from cdobs_cli.certify.methods.clock.cycle_aim import CycleAim
 
 _PARTS = (0.2, 0.4, 0.65)  # of the fastest rate
 _WIDTH = Fraction(1, 20)
 _P_DIGITS = 12
 _MOST_VERTICES = 2**10
+_POLICIES, _SLACK = 200, 1e-9
 
 
 @dataclass(frozen=True)
-class CycleSize(ClockCycle):
+class CycleSize(ClockGraph):
     """A certificate over a cycle at a rate above 0, and the state (its number) whose error it bounds."""
 
     state: str
@@ -64,7 +71,7 @@ class CycleSize(ClockCycle):
     @classmethod
     def applies(cls, question: Question) -> bool:
         inclusion = question.inclusion
-        known = question.law.is_multirate and inclusion.assemble_noise is not None and is_small(inclusion)
+        known = question.law.has_sensors and inclusion.assemble_noise is not None and is_small(inclusion)
         return known and question.start is None and cls.is_about(question.plant)
 
     @classmethod
@@ -89,7 +96,10 @@ class CycleSize(ClockCycle):
             if posed is None or solution is None:
                 continue
             texts = [[fraction_text(value) for value in row] for row in posed.S]
-            P, pieces = [upper_texts(P, _P_DIGITS) for P in solution.P], [str(count) for count in shape.pieces_of]
+            P, pieces = (
+                [upper_texts(P, _P_DIGITS) for P in solution.P],
+                [list(map(str, one)) for one in shape.pieces_of],
+            )
             rate = fraction_text(question.rate)
             one = cls(question.law, str(shape.d), str(shape.D), pieces, rate, texts, P, str(question.state))
             if one.prove(question).holds:
@@ -113,7 +123,8 @@ class CycleSize(ClockCycle):
         noise = question.inclusion.phases_noise_balls
         kicks = [back @ one.kick for one in noise]
         drive = back @ noise[0].drive
-        ends = [P[start] for start in self.shape.starts]
+        graph = self.law.graph
+        ends = [P[self.shape.starts[graph.into(q).target]] for q in range(len(kicks))]
         d, v = _vertices(plant.disturbance, drive), [_vertices(plant.noise, G) for G in kicks]
         if d is None or any(one is None for one in v):
             return None
@@ -127,17 +138,42 @@ class CycleSize(ClockCycle):
         return bounded + (drift + self._summed(jumps, 2 * sigma)).max(arb(0)).sqrt()
 
     def _summed(self, jumps: list[arb], rate: Fraction) -> arb:
-        """Just after the worst sample: what jumps so large, each decaying at this rate, come to."""
-        gaps, count, rho = [gap.ball() for gap in self.law.gaps], len(jumps), fraction_ball(rate)
-        whole = 1 - (-rho * self.law.hyperperiod.ball()).exp()
-        sums = []
-        for r in range(count):
-            total, age = arb(0), arb(0)
-            for i in range(count):
-                total += jumps[(r - i) % count] * (-rho * age).exp()
-                age += gaps[(r - i - 1) % count]
-            sums.append(total / whole)
-        return _most(iter(sums))
+        """Just after the worst sample: what readings that add so much, all of it decaying at this rate, come to."""
+        graph, base, rho = self.law.graph, self.law.base.ball(), fraction_ball(rate)
+        decay = {low: (-rho * base * fraction_ball(low)).exp() for low in {edge.low for edge in graph.edges}}
+        added = [arb(0) if edge.reading is None else jumps[edge.reading] for edge in graph.edges]
+        links = [(edge.source, edge.target, float(decay[edge.low])) for edge in graph.edges]
+        x = [Exact(value).ball() for value in sums(len(graph.nodes), links, list(map(float, added)))]
+        most = _most(iter(x))
+        for edge, kappa in zip(graph.edges, added, strict=True):
+            if not x[edge.target] >= decay[edge.low] * x[edge.source] + kappa:
+                return arb("inf")
+        return most
+
+
+def sums(count: int, links: Sequence[tuple[int, int, float]], added: Sequence[float]) -> list[Fraction]:
+    """About the least x (count,) with x_r >= factor x_q + added of all links (q, r, factor), by more than rounding: of
+    each node the link that decides is kept, and changed until none is above."""
+    slack = _SLACK * max(added)
+    added = [one + slack for one in added]
+    into = [[k for k, link in enumerate(links) if link[1] == r] for r in range(count)]
+    chosen = [max(own, key=lambda k: added[k]) for own in into]
+    x: Array = np.zeros(count)
+    for _ in range(_POLICIES):
+        A, b = np.eye(count), np.zeros(count)
+        for r, k in enumerate(chosen):
+            A[r, links[k][0]] -= links[k][2]
+            b[r] = added[k]
+        try:
+            x = np.linalg.solve(A, b)
+        except np.linalg.LinAlgError:
+            break
+        value = [links[k][2] * x[links[k][0]] + added[k] for k in range(len(links))]
+        better = [max(own, key=lambda k: value[k]) for own in into]
+        if all(value[new] <= value[old] + slack / 10 for new, old in zip(better, chosen, strict=True)):
+            break
+        chosen = better
+    return [Fraction(float(value)) if np.isfinite(value) else Fraction(0) for value in x]
 
 
 @dataclass(frozen=True)
@@ -188,18 +224,25 @@ def _rates(question: Question) -> list[Fraction]:
 
 
 def _aim(question: Question) -> CycleAim:
-    """The state, and second moments that stand for what is declared at this rate: of N samples in a hyperperiod bounded
-    noise adds up to about N^2, and all of it over 1 / (sigma H) hyperperiods."""
+    """The state, and second moments that stand for what is declared at this rate: of N samples in a unit of time bounded
+    noise adds up to about N^2, and all of it over 1 / (sigma H) such units."""
     from cdobs_cli.certify.methods.clock.cycle_aim import CycleAim
 
     plant, law = question.plant, question.law
     (R, Q), (v, d) = noise_floats(plant), bounded_floats(plant)
-    H, count = float(law.hyperperiod), len(law.phases)
+    H = unit(law)
+    count = max(1, round(H / float(law.base * Exact(_gap(law)))))
     turns = 1 / (float(question.rate) * H)
     floor = np.zeros((plant.n, plant.n))
     floor[question.state, question.state] = 1.0
     bounded = count * turns**2 * np.diag(v**2), H * turns**2 * np.diag(d**2)
     return CycleAim(R * turns / 2 + bounded[0], Q * turns / 2 + bounded[1], np.zeros_like(floor), floor)
+
+
+def _gap(law: SamplingLaw) -> Fraction:
+    """Between two samples, about, in the shortest period."""
+    edges = law.graph.edges
+    return sum((edge.low + edge.high for edge in edges), Fraction(0)) / (2 * len(edges))
 
 
 def _vertices(box: Box | None, G: Matrix) -> list[Matrix] | None:

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
+from itertools import accumulate, pairwise
 from typing import Any, TypeVar
 
 from cdobs_cli.certify.bernstein import derivative, elevation
 from cdobs_cli.exact.matrix import Matrix, block
+from cdobs_cli.graph import Edge, Graph
 from cdobs_cli.hybrid import ErrorMaps
 
 M_ = TypeVar("M_")
@@ -93,46 +96,56 @@ class Shape:
 
 
 @dataclass(frozen=True)
-class CycleShape:
-    """Degree d of each P_q, degree D of the inequalities, and the pieces of each of the phases, one after the other.
+class GraphShape:
+    """Degree d of each P_q, degree D of the inequalities, and of each node the pieces between its breaks (0, the ends of
+    guards, its length).
 
-    Coefficients are numbered through, phase by phase: those of two phases are apart."""
+    Coefficients are numbered through, node by node: those of two nodes are apart."""
 
     d: int
     D: int
-    pieces_of: tuple[int, ...]
+    pieces_of: tuple[tuple[int, ...], ...]
 
     @property
     def pieces(self) -> int:
-        return sum(self.pieces_of)
+        return sum(map(sum, self.pieces_of))
 
     @property
     def count(self) -> int:
         """Number of coefficient matrices."""
         return self.pieces * self.d + len(self.pieces_of)
 
-    @property
+    @cached_property
     def starts(self) -> list[int]:
-        """Of each phase the number of P_q(0)."""
-        return [sum(self.pieces_of[:q]) * self.d + q for q in range(len(self.pieces_of))]
+        """Of each node the number of P_q(0)."""
+        totals = list(accumulate(map(sum, self.pieces_of), initial=0))
+        return [pieces * self.d + q for q, pieces in enumerate(totals[:-1])]
 
-    @property
-    def ends(self) -> list[int]:
-        """Of each phase the number of its last coefficient, P_q at the next sample."""
-        return [start + count * self.d for start, count in zip(self.starts, self.pieces_of, strict=True)]
-
-    @property
+    @cached_property
     def firsts(self) -> list[int]:
         """Number of the first coefficient of each piece."""
         places = zip(self.starts, self.pieces_of, strict=True)
-        return [start + j * self.d for start, count in places for j in range(count)]
+        return [start + j * self.d for start, counts in places for j in range(sum(counts))]
 
-    def lengths(self, gaps: Sequence[Any]) -> list[Any]:
-        """Length of each piece, of phases so long."""
-        return [gap / count for gap, count in zip(gaps, self.pieces_of, strict=True) for _ in range(count)]
+    def lengths(self, breaks: Sequence[Sequence[Any]]) -> list[Any]:
+        """Length of each piece, of nodes with these breaks."""
+        return [
+            (high - low) / count
+            for ends, counts in zip(breaks, self.pieces_of, strict=True)
+            for (low, high), count in zip(pairwise(ends), counts, strict=True)
+            for _ in range(count)
+        ]
+
+    def under(self, edge: Edge, graph: Graph) -> range:
+        """Numbers of the coefficients that an edge's inequality is asked of: all over its guard."""
+        breaks, counts = graph.breaks[edge.source], self.pieces_of[edge.source]
+        first, last = (
+            self.starts[edge.source] + self.d * sum(counts[: breaks.index(end)]) for end in (edge.low, edge.high)
+        )
+        return range(first, last + 1)
 
 
-def flow_coefficients(P: list[Any], shape: Shape | CycleShape, lengths: list[Any]) -> Iterator[tuple[Any, Any]]:
+def flow_coefficients(P: list[Any], shape: Shape | GraphShape, lengths: list[Any]) -> Iterator[tuple[Any, Any]]:
     """(h Pdot, h P) of every Bernstein coefficient of the flow inequality, piece by piece, h the piece's length."""
     G, E = derivative(shape.d, shape.D), elevation(shape.d, shape.D)
     for first, h in zip(shape.firsts, lengths, strict=True):
