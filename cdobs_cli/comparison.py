@@ -138,7 +138,7 @@ def filter_of(plant: Plant, run: Run, plan: SimulationPlan) -> Observer:
     h = tuple(one + middle.expression for one, middle in zip(plant.outputs(), middle_v, strict=True))
     moved = any(middle.sign() != 0 for middle in middle_v)
     known = replace(plant, phi=phi, h=h if moved else plant.h)
-    reads = [sorted(phase.outputs) for phase in plant.sampling.phases]
+    reads = [sorted(one.outputs) for one in plant.sampling.readings]
     try:
         return extended_kalman_filter(known, _intensity(plant, run), R, _start(plant, run, plan), reads)
     except (ValueError, ArithmeticError) as error:  # a slope that is no expression, numbers beyond floats

@@ -213,6 +213,13 @@ class SamplingLaw:
             return any(gap == one or (gap - one).sign() == 0 for one in self.multiples)
         return self.T_min.is_at_most(gap) and gap.is_at_most(self.T_max)
 
+    def repeats(self, gaps: Sequence[Exact], readings: Sequence[int | None]) -> bool:
+        """Whether a run of sensors may certainly take steps so long for ever, with these readings at their ends (None:
+        nothing arrives), one after the other and again from the first."""
+        shares = [share_of(gap, self.base) for gap in gaps]
+        known = [share for share in shares if share is not None]
+        return self.is_graph and len(known) == len(gaps) and self.graph.repeats(known, readings, self.sensors)
+
     @property
     def symbols(self) -> str:
         """`T_k = 0.6`, `T_k in [0, 5]`, `T_k in {0.6, .., 1.8}`."""
@@ -267,8 +274,8 @@ class SamplingLaw:
         )
 
     def _sensors_text(self, time: Callable[[Fraction], str]) -> str:
-        """`x every 0.1, theta every 0.4 from 0.2 on, of which at most 2 in a row are lost, z after 0.1 to 0.3`, a time by
-        its share of the shortest period."""
+        """`x every 0.1, theta every 0.4 from 0.2 on, at most 2 in a row lost`, `z 0.1 to 0.3 apart`, a time by its
+        share of the shortest period."""
         return ", ".join(_sensor_text(one, time) for one in self.sensors)
 
     def document(self) -> dict[str, Any]:
@@ -328,6 +335,15 @@ def _times(T: Exact, share: Fraction) -> Exact:
     from cdobs_cli.exact.rational import simplify
 
     return Exact(simplify((T * Exact(share)).expression))
+
+
+def share_of(time: Exact, base: Exact) -> Fraction | None:
+    """time / base where that is rational, as an identity."""
+    if time.rational is not None and base.rational is not None:
+        return time.rational / base.rational
+    from cdobs_cli.exact.rational import simplify
+
+    return Exact(simplify(time.expression / base.expression)).rational
 
 
 def _is_number_of_losses(value: Any) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +16,7 @@ from cdobs_cli.certify.floats import exponentials, spectral_radii
 from cdobs_cli.certify.linear import is_linear, lost_above
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
-from cdobs_cli.sampling import SamplingLaw
+from cdobs_cli.sampling import SamplingLaw, share_of
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
@@ -62,7 +63,7 @@ def smallest_refuted(
 
     def ends(witness: Witness, T: float) -> float:
         with np.errstate(all="ignore"):
-            return _shrunk(phases, Word.from_witness(witness), T, whole=law.is_multirate)
+            return _shrunk(phases, Word.from_witness(witness), T, whole=law.has_sensors)
 
     return search.smallest(refuted, start, growth, _WIDTH, nearer=None if law.is_random else ends)
 
@@ -75,10 +76,15 @@ def _at_period(word: Word, T: Exact, law: SamplingLaw) -> Word | None:
     periods = []
     for k, period in enumerate(word.periods):
         total = sum(float(arc.length) for arc in period)
-        if law.is_multirate or total > float(T) * (1 - _WIDTH):
+        if law.has_sensors or total > float(T) * (1 - _WIDTH):
             lengths = [search.short(float(arc.length) * share, 12) for arc in period[:-1]]
             # Several of them where samples were lost.
             last = law.gaps[k % len(law.phases)] if law.is_multirate else other * Exact(round(total / float(T)))
+            if law.is_graph:
+                of = [share_of(arc.length, T) for arc in period]
+                if any(one is None for one in of):
+                    return None
+                last = other * Exact(sum((one for one in of if one is not None), Fraction(0)))
             for length in lengths:
                 last = last - length
             period = tuple(replace(arc, length=length) for arc, length in zip(period, [*lengths, last], strict=True))
@@ -91,8 +97,11 @@ def _shrunk(phases: Sequence[ErrorMaps[Array]], word: Word, T: float, *, whole: 
     shrink in proportion: by the maximum principle its switching times matter to second order only."""
     periods = [[float(arc.length) for arc in period] for period in word.periods]
     flows = [phases[0].flow(tuple(map(float, arc.values))) for period in word.periods for arc in period]
-    in_turn = (phases[k % len(phases)] for k in range(1, len(periods) + 1))
-    jumps = [maps.jump_at(tuple(map(float, w))) for maps, (_, w) in zip(in_turn, word.samples, strict=True)]
+    unchanged = np.eye(phases[0].base.shape[0])
+    jumps = [
+        unchanged if maps is None else maps.jump_at(tuple(map(float, w)))
+        for maps, (_, w) in zip(word.jumps(phases), word.samples, strict=True)
+    ]
 
     def refutes(share: float) -> bool:
         shares = [share if whole or sum(one) > T * (1 - _WIDTH) else 1.0 for one in periods]

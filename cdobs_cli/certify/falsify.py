@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice, product
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from flint import arb
@@ -34,6 +34,7 @@ from cdobs_cli.certify.ball import (
 from cdobs_cli.certify.floats import exponentials, spectral_radii
 from cdobs_cli.certify.linear import product as cycle
 from cdobs_cli.certify.symmetric_power import power
+from cdobs_cli.certify.walks import walks
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import Exact, decimal_text, lower_text, upper_text
@@ -45,6 +46,7 @@ from cdobs_cli.sampling import SamplingLaw
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
 
+M_ = TypeVar("M_")
 _ALL_CORNERS = 10  # up to 2^10 corners are all tried, beyond that an ascent picks some
 _PERIOD_WORDS = 6
 _MOST_JUMPS = 64  # corners of the jump that are tried
@@ -66,10 +68,12 @@ class Word:
     """Sampling periods, each a sequence of arcs; repeated for ever.
 
     outputs: the slopes of the outputs that vary (order: `inclusion.outputs`) at the sample that ends each period; empty
-    where none does."""
+    where none does. readings: what is read at the end of each period, where a timed graph tells what may be: None where
+    nothing arrives."""
 
     periods: tuple[tuple[Arc, ...], ...]
     outputs: tuple[tuple[Exact, ...], ...] = ()
+    readings: tuple[int | None, ...] = ()
 
     @property
     def samples(self) -> Iterator[tuple[tuple[Arc, ...], tuple[Exact, ...]]]:
@@ -82,6 +86,8 @@ class Word:
         data: dict[str, Any] = {"arcs": [len(period) for period in self.periods]}
         if inclusion.outputs:
             data["outputs"] = output_texts(inclusion, self.outputs)
+        if self.readings:
+            data["readings"] = list(self.readings)
         return Witness(
             "constant" if len(arcs) == 1 else "switching",
             "class",
@@ -108,7 +114,18 @@ class Word:
         outputs = tuple(zip(*columns, strict=True))
         if columns and len(outputs) != len(periods):
             raise ValueError("outputs have one slope at each sample")
-        return Word(periods, outputs)
+        readings = tuple(witness.data.get("readings", ()))
+        if any(one is not None and type(one) is not int for one in readings) or len(readings) not in (0, len(periods)):
+            raise ValueError("a reading ends each period")
+        return Word(periods, outputs, readings)
+
+    def jumps(self, phases: Sequence[ErrorMaps[M_]]) -> Iterator[ErrorMaps[M_] | None]:
+        """The maps of the sample that ends each period, of those of all readings: in turn, or as the word tells; None
+        where nothing arrives. Raises: IndexError."""
+        if self.readings:
+            yield from (None if one is None else phases[one] for one in self.readings)
+        else:
+            yield from (phases[k % len(phases)] for k in range(1, len(self.periods) + 1))
 
 
 def output_texts(inclusion: HybridInclusion, outputs: tuple[tuple[Exact, ...], ...]) -> list[dict[str, Any]]:
@@ -148,6 +165,8 @@ def _searches(law: SamplingLaw) -> tuple[Callable[[HybridInclusion, int], Iterat
         return (_mean_words,)
     if law.is_multirate:
         return _unseen_words, _cyclic_words, _switching_words
+    if law.is_graph:
+        return _walked_words, _switching_words
     return _unseen_words, _constant_words, _period_words, _switching_words
 
 
@@ -170,7 +189,7 @@ def prove(inclusion: HybridInclusion, word: Word) -> arb | None:
     if not all(is_admissible(inclusion, *sample, k) for k, sample in enumerate(word.samples)):
         return None
     phases = inclusion.phases_balls
-    if len(word.periods) % len(phases):
+    if not _is_repeated(inclusion.sampling, word):
         return None
     M = monodromy(phases, word)
     if not has_spectral_radius_at_least(M):
@@ -178,6 +197,13 @@ def prove(inclusion: HybridInclusion, word: Word) -> arb | None:
         return arb(1) if len(values) == 1 and leaves_unseen(inclusion, *values.pop()) else None
     bound = spectral_radius_lower(M)
     return bound if bound > 1 else arb(1)
+
+
+def _is_repeated(law: SamplingLaw, word: Word) -> bool:
+    """Whether a word whose periods are admissible one by one may follow itself."""
+    if law.is_graph:
+        return law.repeats([_length(period) for period in word.periods], word.readings)
+    return not word.readings and len(word.periods) % max(1, len(law.phases)) == 0
 
 
 def _prove_in_the_mean(inclusion: HybridInclusion, word: Word) -> arb | None:
@@ -198,11 +224,11 @@ def _prove_in_the_mean(inclusion: HybridInclusion, word: Word) -> arb | None:
 def monodromy(phases: Sequence[ErrorMaps[Matrix]], word: Word) -> Matrix:
     """M = J Phi_m .. J Phi_1 in balls, the J of samples in turn; the first arc begins at the first of them."""
     total = Matrix.identity(phases[0].base.shape[0])
-    for k, (period, w) in enumerate(word.samples, start=1):
-        maps = phases[k % len(phases)]
+    for (period, w), maps in zip(word.samples, word.jumps(phases), strict=True):
         for arc in period:
-            total = maps.flow(tuple(value.scalar for value in arc.values)).exp(arc.length.scalar) @ total
-        total = maps.jump_at(tuple(value.scalar for value in w)) @ total
+            total = phases[0].flow(tuple(value.scalar for value in arc.values)).exp(arc.length.scalar) @ total
+        if maps is not None:
+            total = maps.jump_at(tuple(value.scalar for value in w)) @ total
     return total
 
 
@@ -211,18 +237,27 @@ def is_admissible(inclusion: HybridInclusion, period: tuple[Arc, ...], w: tuple[
     of this number."""
     if not are_within(w, inclusion.outputs):
         return False
-    if any(arc.length.sign() != 1 or not are_within(arc.values, inclusion.quantities) for arc in period):
+    law = inclusion.sampling
+    signs = (0, 1) if law.is_graph and len(period) == 1 else (1,)  # sensors that keep no step may be read at once
+    if any(arc.length.sign() not in signs or not are_within(arc.values, inclusion.quantities) for arc in period):
         return False
+    if law.is_graph:  # which periods may follow one another is asked of the whole word
+        return True
+    length = _length(period)
+    if law.is_multirate:
+        gap = law.gaps[number % len(law.phases)]
+        return length == gap or (length - gap).sign() == 0
+    return law.allows(length)
+
+
+def _length(period: tuple[Arc, ...]) -> Exact:
+    """Of all arcs together."""
     length = period[0].length
     for arc in period[1:]:
         length = length + arc.length
     if len(period) > 1 and length.rational is None:  # balls cannot tell a period from the arcs that it is made of
         length = Exact(simplify(length.expression))
-    law = inclusion.sampling
-    if law.is_multirate:
-        gap = law.gaps[number % len(law.phases)]
-        return length == gap or (length - gap).sign() == 0
-    return law.allows(length)
+    return length
 
 
 def are_within(values: tuple[Exact, ...], quantities: tuple[Quantity, ...]) -> bool:
@@ -307,7 +342,8 @@ def _switching_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
                 )
             )
         samples = (ends_of(inclusion.outputs, corner) for corner in proposal.jumps)
-        yield Word(tuple(periods), tuple(samples) if inclusion.outputs else ())
+        readings = proposal.readings if inclusion.sampling.is_graph else ()
+        yield Word(tuple(periods), tuple(samples) if inclusion.outputs else (), readings)
 
 
 def _period_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
@@ -371,6 +407,36 @@ def _cyclic_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
     found.sort(key=lambda item: -item[0])
     for _, values, w in found[:8]:
         yield Word(tuple((Arc(gap, values),) for gap in gaps), (w,) * len(gaps) if w else ())
+
+
+def _walked_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
+    """Constant corners, of flow and of all jumps, along ways through the timed graph; the most unstable in floats
+    first."""
+    phases = inclusion.phases_floats
+    if not all(map(_finite, phases)):
+        return
+    slopes = [_values(inclusion, corner) for corner in islice(candidate_corners(inclusion), 2**_ALL_CORNERS)]
+    flows, steps = np.array([phases[0].flow(tuple(map(float, values))) for values in slopes]), dict[Exact, Array]()
+    found: list[tuple[float, Word]] = []
+    for walk in walks(inclusion.sampling):
+        for gap in walk.gaps:
+            if gap not in steps:
+                steps[gap] = exponentials(flows * float(gap))
+        for bits in islice(product((False, True), repeat=len(inclusion.outputs)), _MOST_JUMPS):
+            w = ends_of(inclusion.outputs, bits)
+            M = np.eye(phases[0].base.shape[0])[None]
+            for gap, reading in zip(walk.gaps, walk.readings, strict=True):
+                M = (
+                    steps[gap] @ M
+                    if reading is None
+                    else phases[reading].jump_at(tuple(map(float, w))) @ steps[gap] @ M
+                )
+            for radius, values in zip(spectral_radii(M), slopes, strict=True):
+                if radius >= 1 - _SLACK:
+                    periods = tuple((Arc(gap, values),) for gap in walk.gaps)
+                    found.append((float(radius), Word(periods, (w,) * len(periods) if w else (), walk.readings)))
+    found.sort(key=lambda one: -one[0])
+    yield from (word for _, word in found[:8])
 
 
 def _mean_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:

@@ -353,7 +353,7 @@ def _decay_rate(judgement: Judgement) -> dict[str, Bound]:
     decaying = [item for item in judgement.covering if item.proof.rate > 0]
     fastest = max(decaying, key=lambda item: float(item.proof.rate.lower()), default=None)
     # Where samples are lost by chance no one word of periods says how slow the mean square is.
-    slowest = None if judgement.law.is_random else slowest_decay(judgement.question.inclusion)
+    slowest = None if judgement.law.is_random or judgement.law.is_graph else slowest_decay(judgement.question.inclusion)
     if fastest is None and slowest is None:
         return {}
     proved, method = (None, None) if fastest is None else (lower_text(fastest.proof.rate, 9), fastest.method.rung)
@@ -426,7 +426,7 @@ def _intervals(question: Question) -> list[Claim]:
     if not intervals:
         return []
     listed = ", ".join(f"[{interval.low}, {interval.high}]" for interval in intervals[:12])
-    which = "every shortest period" if question.law.is_multirate else "every constant period"
+    which = "every shortest period" if question.law.has_sensors else "every constant period"
     statement = f"The error converges at {which} in {listed}."
     how = "spectral radius, balls of periods"
     return [

@@ -40,7 +40,7 @@ def undetectable(plant: Plant) -> str | None:
     moves = "grows" if root.real > TOLERANCE else "does not decay"
     advice = f"keep the domain away from {where}, or measure another quantity" if where else "measure another quantity"
     law = plant.sampling
-    sampled = law.words if law.is_multirate else f"every {law.T_max}"
+    sampled = law.words if law.has_sensors else f"every {law.T_max}"
     return (
         f"sampled {sampled} the plant is not detectable{' where ' + where if where else ''}: "
         f"an error along {along} {moves} (eigenvalue {_complex(root)}) and no output shows it; {advice}"

@@ -17,6 +17,7 @@ import numpy as np
 
 from cdobs_cli.certify.ascent import highest
 from cdobs_cli.certify.floats import exponentials
+from cdobs_cli.certify.walks import Walk, walks
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
 
@@ -27,6 +28,7 @@ _SLOTS = (0, 12, 20, 32)  # slots a period, by effort
 _PERIODS = (0, 2, 3, 4)  # longest words, by effort
 _STARTS = (0, 4, 8, 16)
 _FEWEST = 4  # slots a period, of a long hyperperiod
+_WALKS = (0, 12, 24, 60)  # through a timed graph, by effort
 _MULTIPLES = 4  # of a period whose samples may be lost
 _SWEEPS = 12
 _PROMISING = 0.985  # a radius from which lengths are refined
@@ -35,13 +37,14 @@ _SIMPLE = 1e12  # how large a left eigenvector may be beside its right one
 
 @dataclass(frozen=True)
 class Proposal:
-    """Arcs of a word: lengths as floats and corners (True: upper end) by period, the corner of the jump after each, and
-    the radius in floats."""
+    """Arcs of a word: lengths as floats and corners (True: upper end) by period, the corner of the jump after each,
+    what is read there, and the radius in floats."""
 
     radius: float
     periods: tuple[Exact, ...]
     arcs: tuple[tuple[tuple[float, tuple[bool, ...]], ...], ...]
     jumps: tuple[tuple[bool, ...], ...] = ()
+    readings: tuple[int | None, ...] = ()
 
 
 def propose(inclusion: HybridInclusion, effort: int) -> list[Proposal]:
@@ -51,13 +54,21 @@ def propose(inclusion: HybridInclusion, effort: int) -> list[Proposal]:
     maps = phases[0]
     if level == 0 or not (maps.lower or maps.jump_lower):  # without slopes the periods alone are left: `period_words`
         return []
+    if inclusion.sampling.is_graph:
+        return _propose(phases, walks(inclusion.sampling)[: _WALKS[level]], level)
     return propose_for(phases, list(_period_words(inclusion, _PERIODS[level])), level)
 
 
 def propose_for(phases: Sequence[ErrorMaps[Array]], words: list[tuple[Exact, ...]], level: int) -> list[Proposal]:
     """The same for maps in floats, those of samples in turn, and given sampling periods of each word."""
+    in_turn = [tuple(k % len(phases) for k in range(1, len(word) + 1)) for word in words]
+    return _propose(phases, list(map(Walk, words, in_turn)), level)
+
+
+def _propose(phases: Sequence[ErrorMaps[Array]], words: Sequence[Walk], level: int) -> list[Proposal]:
+    longest = max((len(word.gaps) for word in words), default=1)
     with np.errstate(all="ignore"):
-        search = _Search(phases, max(_FEWEST, 2 * round(_SLOTS[level] / len(phases) / 2)))
+        search = _Search(phases, max(_FEWEST, 2 * round(_SLOTS[level] / min(longest, len(phases)) / 2)))
         found = [proposal for word in words for proposal in search.word(word, _STARTS[level])]
     return sorted(found, key=lambda proposal: -proposal.radius)
 
@@ -101,12 +112,15 @@ class _Search:
         self.k, self.m = len(self.lower), len(maps.jump_lower)
         # (phases, m, N, N)
         parts = [np.array(one.jump_parts).reshape(-1, *maps.base.shape) for one in phases]
-        self.jump_parts = np.array(parts)
+        # After them that of a step at whose end nothing arrives.
+        self.jump_parts = np.array([*parts, np.zeros_like(parts[0])])
+        self.jump_middles = np.array([*(one.jump for one in phases), np.eye(len(maps.base))])
         self.known: dict[tuple[bytes, float], Array] = {}
         self.half = (np.array(maps.jump_upper, dtype=float) - np.array(maps.jump_lower, dtype=float)) / 2
 
-    def word(self, periods: tuple[Exact, ...], starts: int) -> list[Proposal]:
-        W, slots = len(periods), self.slots
+    def word(self, walk: Walk, starts: int) -> list[Proposal]:
+        periods, W, slots = walk.gaps, len(walk.gaps), self.slots
+        which = np.array([len(self.phases) if one is None else one for one in walk.readings])
         rng = np.random.default_rng(1000 * W + self.k)
         lengths = np.repeat([float(T) / slots for T in periods], slots)
         found: dict[bytes, Proposal] = {}
@@ -119,32 +133,27 @@ class _Search:
                 bits = np.repeat(rng.random((W * 2, self.k)) < 0.5, slots // 2, axis=0)[: W * slots]
                 bits = np.concatenate([bits, np.repeat(bits[-1:], W * slots - len(bits), axis=0)])
             at_jumps = rng.random((W, self.m)) < 0.5 if start > 1 else np.full((W, self.m), start == 0)
-            radius, bits, at_jumps = self._improve(bits, at_jumps, lengths, W)
+            radius, bits, at_jumps = self._improve(bits, at_jumps, lengths, which)
             key = bits.tobytes() + at_jumps.tobytes()
             if key in found or not np.isfinite(radius):
                 continue
             arcs, jumps = self._merge(bits, lengths, W), tuple(tuple(map(bool, row)) for row in at_jumps)
             if _PROMISING <= radius < 1.05:
-                radius, arcs = self._refine(radius, arcs, self._jumps(at_jumps))
-            found[key] = Proposal(radius, periods, arcs, jumps)
+                radius, arcs = self._refine(radius, arcs, self._jumps(at_jumps, which))
+            found[key] = Proposal(radius, periods, arcs, jumps, walk.readings)
         return sorted(found.values(), key=lambda proposal: -proposal.radius)[:2]
 
-    def _jumps(self, at_jumps: Any) -> Array:
-        """The jump after each period, (W, N, N)."""
-        deviations, which = np.where(at_jumps, self.half, -self.half), self._ends(len(at_jumps))
-        middle = np.array([maps.jump for maps in self.phases])[which]
-        jumps: Array = middle + np.einsum("wm,wmij->wij", deviations, self.jump_parts[which])
+    def _jumps(self, at_jumps: Any, which: Any) -> Array:
+        """The jump after each period, (W, N, N), of these readings."""
+        deviations = np.where(at_jumps, self.half, -self.half)
+        jumps: Array = self.jump_middles[which] + np.einsum("wm,wmij->wij", deviations, self.jump_parts[which])
         return jumps
 
-    def _ends(self, W: int) -> Any:
-        """The number of the sample that ends each period of a word."""
-        return np.arange(1, W + 1) % len(self.phases)
-
-    def _improve(self, bits: Any, at_jumps: Any, lengths: Array, W: int) -> tuple[float, Any, Any]:
+    def _improve(self, bits: Any, at_jumps: Any, lengths: Array, which: Any) -> tuple[float, Any, Any]:
         size = bits.size
 
         def evaluate(flat: Any) -> tuple[float, Any]:
-            return self._evaluate(flat[:size].reshape(bits.shape), flat[size:].reshape(at_jumps.shape), lengths, W)
+            return self._evaluate(flat[:size].reshape(bits.shape), flat[size:].reshape(at_jumps.shape), lengths, which)
 
         best = np.concatenate([bits.ravel(), at_jumps.ravel()])
         radius, gradient = evaluate(best)
@@ -181,11 +190,12 @@ class _Search:
         flows: Array = self.maps.base + np.tensordot(np.where(bits, self.upper, self.lower), self.parts, 1)
         return flows
 
-    def _evaluate(self, bits: Any, at_jumps: Any, lengths: Array, W: int) -> tuple[float, Any]:
+    def _evaluate(self, bits: Any, at_jumps: Any, lengths: Array, which: Any) -> tuple[float, Any]:
         """rho per period of the word, and d|lambda| / d v for each slot, then for each slope at each jump, flat (None
         where it makes no sense)."""
+        W = len(which)
         ends = range(self.slots - 1, W * self.slots, self.slots)
-        cycle = _cycle(self._steps(bits, lengths), self._jumps(at_jumps), ends)
+        cycle = _cycle(self._steps(bits, lengths), self._jumps(at_jumps, which), ends)
         if cycle is None:
             return float("nan"), None
         radius = cycle.size ** (1 / W)
@@ -193,8 +203,7 @@ class _Search:
             return radius, None
         middle_e, middle_p = (cycle.e + cycle.e_end) / 2, (cycle.p + cycle.p_end) / 2
         gradient = np.einsum("si,kij,sj->sk", middle_p, self.parts, middle_e)
-        parts = self.jump_parts[self._ends(W)]
-        of_jumps = np.einsum("wi,wmij,wj->wm", cycle.p_jump, parts, cycle.e_end[list(ends)])
+        of_jumps = np.einsum("wi,wmij,wj->wm", cycle.p_jump, self.jump_parts[which], cycle.e_end[list(ends)])
         return radius, np.real(np.concatenate([gradient.ravel(), of_jumps.ravel()]))
 
     def _merge(self, bits: Any, lengths: Array, W: int) -> tuple[tuple[tuple[float, tuple[bool, ...]], ...], ...]:

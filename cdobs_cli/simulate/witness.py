@@ -89,13 +89,12 @@ def replay(inclusion: HybridInclusion, witness: Witness) -> Replay:
     # One word, as arcs (times from the arc's start, exponentials at them, slopes) and the jump that follows.
     arcs: list[tuple[Array, Array, Array, Array | None]] = []
     M = np.eye(size)
-    for k, (period, w) in enumerate(word.samples, start=1):
-        maps = phases[k % len(phases)]
-        J = maps.jump_at(tuple(map(float, w)))
+    for (period, w), maps in zip(word.samples, word.jumps(phases), strict=True):
+        J = np.eye(size) if maps is None else maps.jump_at(tuple(map(float, w)))
         for position, arc in enumerate(period):
             v = np.array([float(value) for value in arc.values])
             times = np.linspace(0.0, float(arc.length), _POINTS)
-            flow = np.array([expm(maps.flow(tuple(v)) * s) for s in times])
+            flow = np.array([expm(phases[0].flow(tuple(v)) * s) for s in times])
             jumps = position == len(period) - 1
             arcs.append((times, flow, v, J if jumps else None))
             M = (J @ flow[-1] if jumps else flow[-1]) @ M

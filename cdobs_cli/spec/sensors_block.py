@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from fractions import Fraction
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, ValidationInfo
@@ -13,6 +12,7 @@ from cdobs_cli.exact.expression import ZERO, Expression, Variable
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
 from cdobs_cli.fields import NonNegativeNumber, PositiveNumber, Rows, formula, sized, wrong
 from cdobs_cli.plant import weighted
+from cdobs_cli.sampling import share_of
 from cdobs_cli.sensors import MAX_PHASES, MAX_SENSORS, Sensor, hyperperiod, is_bounded
 from cdobs_cli.spec.block import Block, Name
 from cdobs_cli.spec.boxes import MAX_STATES, shape_problem
@@ -139,7 +139,7 @@ def _schedule_problems(sensors: Mapping[str, SensorBlock]) -> Iterator[Problem]:
         (*AT, name, field)
         for name, sensor in sensors.items()
         for field, time in (("period", sensor.period), ("offset", sensor.first))
-        if time is not None and _share(time, base) is None
+        if time is not None and share_of(time, base) is None
     ]
     for at in odd:
         what = f"is no rational multiple of the shortest period, {base}: sensors out of step are not taken yet"
@@ -165,23 +165,14 @@ def shortest_period(sensors: Mapping[str, SensorBlock]) -> Exact:
     return min(periods, key=float)
 
 
-def _share(time: Exact, base: Exact) -> Fraction | None:
-    """time / base where that is rational, as an identity."""
-    if time.rational is not None and base.rational is not None:
-        return time.rational / base.rational
-    from cdobs_cli.exact.rational import simplify
-
-    return Exact(simplify(time.expression / base.expression)).rational
-
-
 def schedule(sensors: Mapping[str, SensorBlock]) -> list[Sensor]:
     """The nouns of sensors in step, outputs numbered through; one whose times are not in step is left out."""
     base, first, listed = shortest_period(sensors), 0, []
     for name, sensor in sensors.items():
         outputs = tuple(range(first, first + sensor.rows))
         first += sensor.rows
-        every = None if sensor.period is None else _share(sensor.period, base)
-        offset = _share(sensor.first, base)
+        every = None if sensor.period is None else share_of(sensor.period, base)
+        offset = share_of(sensor.first, base)
         if every is not None and offset is not None:
             listed.append(Sensor(name, outputs, every, offset))
     return listed

@@ -147,8 +147,8 @@ class Method(ABC):
     statement: what it says, without the law. exact: whether the best gain that it finds is the best there is.
     endless: whether it holds however long the periods are. nonlinear_outputs: whether it takes outputs whose slopes
     vary. of_one_state: whether it is asked about the error of one state (`Question.state`). in_the_mean: whether it
-    takes samples that are lost by chance. multirate: whether it takes sensors with periods of their own. by_graph: whether it
-    takes those of which several things may happen, as the timed graph tells.
+    takes samples that are lost by chance. multirate: whether it takes sensors with periods of their own.
+    by_graph: whether it takes those of which several things may happen, as the timed graph tells.
     """
 
     law: SamplingLaw

@@ -33,6 +33,7 @@ class Counterexample(Method):
     nonlinear_outputs: ClassVar[bool] = True
     in_the_mean: ClassVar[bool] = True
     multirate: ClassVar[bool] = True
+    by_graph: ClassVar[bool] = True
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:

@@ -39,6 +39,7 @@ class OpenLoop(Method):
     endless: ClassVar[bool] = True
     nonlinear_outputs: ClassVar[bool] = True
     multirate: ClassVar[bool] = True
+    by_graph: ClassVar[bool] = True
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:
@@ -64,7 +65,7 @@ class OpenLoop(Method):
         return alone if alone._holds(question) else None
 
     def _prove(self, question: Question) -> Proof:
-        known = self.law.is_bounded or self.law.is_multirate
+        known = self.law.is_bounded or self.law.has_sensors
         return Proof.of(known and self._holds(question), rate_of(self.sigma))
 
     def _holds(self, question: Question) -> bool:

@@ -1,16 +1,16 @@
 """The clock-dependent certificate over a timed graph: sensors with periods of their own, a quadratic function for each
 node.
 
-An edge from q to r, its guard and its jump e+ = J e tell what a sample may do (J = I where nothing arrives). For edot in
-Co{A_v} e, if for P_q piecewise polynomial and continuous on [0, T_q], T_q the longest that the clock runs in q,
+An edge from q to r, its guard and its jump e+ = J e tell what a sample may do (J = I where nothing arrives). For edot
+in Co{A_v} e, if for P_q piecewise polynomial and continuous on [0, T_q], T_q the longest that the clock runs in q,
 
     Pdot_q + P_q A_v + A_v' P_q + 2 sigma P_q < 0    on [0, T_q], all corners v,          (flow)
     P_q(tau) - J' P_r(0) J > 0                       on the guard, all corners of J,      (jump)
     P_q(0) > 0,
 
 then V = e'P_q(tau)e falls along every flow and does not rise at samples: every error decays at rate sigma, whichever
-way the run takes. P_q(tau) > 0 since a guard is ahead of every clock. In Bernstein form each inequality is a finite list
-of matrices.
+way the run takes. P_q(tau) > 0 since a guard is ahead of every clock. In Bernstein form each inequality is a finite
+list of matrices.
 
 Source: cdobs, certificates over timed graphs
 """
@@ -47,8 +47,8 @@ _LARGEST = ((2000, 0, 0, 0), (2500, 1200, 800, 0), (4000, 4000, 2000, 1000), (60
 
 @dataclass(frozen=True)
 class ClockGraph(Method):
-    """degree d of the P_q and elevated degree D of the inequalities; pieces of each between its breaks; sigma; basis: S in e = S z;
-    P: the upper triangles of the Bernstein coefficients of z'P_q(tau)z, one P_q after the other."""
+    """degree d of the P_q and elevated degree D of the inequalities; pieces of each between breaks; sigma; basis: S in
+    e = S z; P: the upper triangles of the Bernstein coefficients of z'P_q(tau)z, one P_q after the other."""
 
     degree: str
     elevated: str

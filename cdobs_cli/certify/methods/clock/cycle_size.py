@@ -165,7 +165,7 @@ def sums(count: int, links: Sequence[tuple[int, int, float]], added: Sequence[fl
             A[r, links[k][0]] -= links[k][2]
             b[r] = added[k]
         try:
-            x = np.linalg.solve(A, b)
+            x = np.asarray(np.linalg.solve(A, b), dtype=float)
         except np.linalg.LinAlgError:
             break
         value = [links[k][2] * x[links[k][0]] + added[k] for k in range(len(links))]
@@ -224,8 +224,8 @@ def _rates(question: Question) -> list[Fraction]:
 
 
 def _aim(question: Question) -> CycleAim:
-    """The state, and second moments that stand for what is declared at this rate: of N samples in a unit of time bounded
-    noise adds up to about N^2, and all of it over 1 / (sigma H) such units."""
+    """The state, and second moments that stand for what is declared at this rate: of N samples in a unit of time
+    bounded noise adds up to about N^2, and all of it over 1 / (sigma H) such units."""
     from cdobs_cli.certify.methods.clock.cycle_aim import CycleAim
 
     plant, law = question.plant, question.law

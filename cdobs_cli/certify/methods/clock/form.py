@@ -97,8 +97,8 @@ class Shape:
 
 @dataclass(frozen=True)
 class GraphShape:
-    """Degree d of each P_q, degree D of the inequalities, and of each node the pieces between its breaks (0, the ends of
-    guards, its length).
+    """Degree d of each P_q, degree D of the inequalities, and of each node the pieces between its breaks (0, the ends
+    of guards, its length).
 
     Coefficients are numbered through, node by node: those of two nodes are apart."""
 
