@@ -416,7 +416,8 @@ def _walked_words(inclusion: HybridInclusion, effort: int) -> Iterator[Word]:
     if not all(map(_finite, phases)):
         return
     slopes = [_values(inclusion, corner) for corner in islice(candidate_corners(inclusion), 2**_ALL_CORNERS)]
-    flows, steps = np.array([phases[0].flow(tuple(map(float, values))) for values in slopes]), dict[Exact, Array]()
+    flows = np.array([phases[0].flow(tuple(map(float, values))) for values in slopes])
+    steps: dict[Exact, Array] = {}
     found: list[tuple[float, Word]] = []
     for walk in walks(inclusion.sampling):
         for gap in walk.gaps:
