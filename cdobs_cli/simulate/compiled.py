@@ -124,13 +124,13 @@ def _sizes(layout: Layout) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _jump(phases: int) -> str:
-    """The jump of each sample, those of samples in turn where they differ."""
+def _jump(readings: int) -> str:
+    """The jump after each reading."""
     lines = [
-        "static void jump(long index, double t, const double *y, const double *held, const double *m, double *out)"
+        "static void jump(long reading, double t, const double *y, const double *held, const double *m, double *out)"
     ]
-    lines += ["{", f"    switch (index % {phases}) {{"]
-    lines += [f"    case {q}: jump_{q}(t, y, held, m, out); break;" for q in range(phases)]
+    lines += ["{", "    switch (reading) {"]
+    lines += [f"    case {q}: jump_{q}(t, y, held, m, out); break;" for q in range(readings)]
     return "\n".join([*lines, "    }", "}", ""])
 
 
@@ -192,8 +192,8 @@ class _Batch(ctypes.Structure):
         + [(name, ctypes.c_void_p) for name in (
             "grid", "low", "high", "factor", "ends", "y0", "held0", "before0", "measured0", "limit", "instants",
             "noise", "disturbance")]
-        + [("unread", ctypes.c_void_p), ("phases", ctypes.c_long), ("instants_each", ctypes.c_long),
-        ("log", ctypes.c_void_p), ("samples", ctypes.c_void_p)]
+        + [("unread", ctypes.c_void_p), ("readings", ctypes.c_void_p), ("patterns", ctypes.c_long)]
+        + [("instants_each", ctypes.c_long), ("log", ctypes.c_void_p), ("samples", ctypes.c_void_p)]
         + [(name, ctypes.c_long) for name in ("log_rows", "sample_rows")]
         + [(name, ctypes.c_void_p) for name in (
             "log_from", "samples_from", "code", "steps", "which", "stop_t", "stop_y", "stop_held", "margin", "first",
@@ -231,8 +231,8 @@ class Compiled:
 
         Args:
             numbers: what engine.c needs, by its names: `grid` (G,), `code`, `limit` (R,), `y0` (n, R), `held0` (c, R),
-                `before0` (n + c, R), `measured0` (p, R), `instants` (R, K) or None, `unread` (phases, p), and the
-                limits of work.
+                `before0` (n + c, R), `measured0` (p, R), `instants` (R, K) or None, `unread` (readings, p),
+                `readings` (R, K), and the limits of work.
         """
         fields = dict(numbers) | self._constants(disturbance)
         instants = fields.pop("instants")
@@ -243,7 +243,7 @@ class Compiled:
             "instants": np.zeros(1) if chooses else instants,
             "instants_each": 0 if chooses else instants.shape[1],
         }
-        fields |= {"phases": len(fields["unread"]), "unread": np.ascontiguousarray(fields["unread"], dtype=np.int64)}
+        fields |= {"patterns": len(fields["unread"])}
         outcome = Outcome.empty(fields["runs"], self.layout.loop, len(self.layout.rows()["LIMIT"]))
         outcome.code[:] = fields.pop("code")
         samples = _GUESS if chooses else instants.shape[1] + 1

@@ -22,8 +22,9 @@ typedef struct {
     const double *grid, *low, *high, *factor, *ends;
     /* By run: start, what is held, both before the first jump; the first measurement; the limit of the error. */
     const double *y0, *held0, *before0, *measured0, *limit, *instants, *noise, *disturbance;
-    const long *unread;
-    long phases, instants_each;
+    /* Of each reading the outputs that it leaves out; of each sample after the first what it reads. */
+    const long *unread, *readings;
+    long patterns, instants_each;
     /* What comes out. */
     double *log, *samples;
     long log_rows, sample_rows;
@@ -416,10 +417,11 @@ static int sample(Run *run)
         }
     measure(run->t, run->y, run->held, v, measured);
     double elapsed = run->t - run->held[LAST];
-    for (int k = 0; k < OUTPUTS && b->phases; k++)
-        if (b->unread[run->index % b->phases * OUTPUTS + k])
+    long reading = b->patterns ? b->readings[run->r * b->instants_each + run->index - 1] : 0;
+    for (int k = 0; k < OUTPUTS && b->patterns; k++)
+        if (b->unread[reading * OUTPUTS + k])
             measured[k] = NAN;
-    jump(run->index, run->t, run->y, run->held, measured, after);
+    jump(reading, run->t, run->y, run->held, measured, after);
     run->next = b->chooses ? HUGE_VAL : b->instants[run->r * b->instants_each + run->index];
     memcpy(since, run->held, sizeof since);
     for (int k = 0; k < LAST_MEASURED; k++)

@@ -120,7 +120,7 @@ class _Simulation:
         self.noise = Noise(signals, self.draws)
         self.max_samples = min(MAX_SAMPLES, max(100, MAX_SAMPLES_TOGETHER // together))
         chooses = system.observer.trigger is not None
-        self.unread = law.unread(system.plant.p)
+        self.unread = self._unread(law, system.plant.p)
         self.timetable = None if chooses else Timetable(law, plan, self.draws, self.max_samples)
         self.max_steps = min(max_steps, MAX_STEPS, max(1000, MAX_STEPS_TOGETHER // together))
         self.integrator = Flow(self.loop, self.horizon, self.max_steps, self.runs, together)
@@ -159,7 +159,8 @@ class _Simulation:
         numbers = {
             "horizon": self.horizon, "runs": self.runs, "max_steps": self.max_steps, "max_samples": self.max_samples,
             "grid": self.grid, "y0": progress.y, "held0": progress.held, "before0": before, "measured0": measured,
-            "limit": watch.limit, "instants": self._instants(), "unread": self._unread(),
+            "limit": watch.limit, "unread": self.unread,
+            **self._instants(),
             "code": np.where(watch.halted, Ending.START, Ending.HORIZON),
         }  # fmt: skip
         ended = watch.halted.copy()
@@ -179,25 +180,31 @@ class _Simulation:
                 watch.halt(run, *here, held, sentence, diverged=reason == 0)
         return log, samples
 
-    def _unread(self) -> Integers:
-        """1 where a sample of the pattern does not read an output, shape (phases, p); empty where all read all."""
-        table = np.zeros((len(self.unread), self.loop.plant.p), dtype=np.int64)
-        for phase, outputs in enumerate(self.unread):
-            table[phase, outputs] = 1
+    @staticmethod
+    def _unread(law: SamplingLaw, p: int) -> Integers:
+        """1 where a reading leaves an output out, shape (readings, p); empty where all read all."""
+        unread = law.unread(p)
+        table = np.zeros((len(unread), p), dtype=np.int64)
+        for number, outputs in enumerate(unread):
+            table[number, outputs] = 1
         return table
 
-    def _instants(self) -> Array | None:
+    def _instants(self) -> dict[str, Array | Integers | None]:
         """All sampling instants after the first, shape (R, K), infinite after the horizon; None where the observer
-        chooses them."""
+        chooses them; and what is read then."""
         if self.timetable is None:
-            return None
+            return {"instants": None, "readings": np.zeros((self.runs, 1), dtype=np.int64)}
+        everyone = np.arange(self.runs)
         columns, index = [self.next.copy()], 0
+        readings = [self.timetable.reading(everyone, 1)]
         while (going := np.flatnonzero(columns[-1] < self.horizon)).size and index < self.max_samples:
             index += 1
             after = np.full(self.runs, np.inf)
             after[going] = self.timetable.after(going, index, columns[-1][going])
             columns.append(after)
-        return np.stack([*columns, np.full(self.runs, np.inf)], axis=1)
+            readings.append(self.timetable.reading(everyone, index + 1))
+        columns.append(np.full(self.runs, np.inf))
+        return {"instants": np.stack(columns, axis=1), "readings": np.stack([*readings, readings[-1]], axis=1)}
 
     def batch(self, log: Log, samples: Samples) -> Batch:
         """What came out, from what was recorded."""
@@ -252,15 +259,19 @@ class _Simulation:
     def _measured(self, runs: Integers, index: int, t: Array, y: Array, held: Array) -> Array:
         """What sample number `index` reads; outputs that it does not read are not a number."""
         measured = self.loop.measure(t, y, held, self.noise.at(runs, index, t))
-        if self.unread:
-            measured[self.unread[index % len(self.unread)]] = np.nan
+        if self.unread.size:
+            measured[self.unread[self._which(runs, index)].T == 1] = np.nan
         return measured
+
+    def _which(self, runs: Integers, index: int) -> Integers:
+        """What sample number `index` of each run reads; 0 where all are alike."""
+        return np.zeros(len(runs), dtype=np.int64) if self.timetable is None else self.timetable.reading(runs, index)
 
     def _jump(self, runs: Integers, index: int, measured: Array, *, jumps: bool) -> None:
         """x+ = g(x-, y_k), then what is held, then the next sampling instant."""
         t, y, held = self.progress.at(runs)
         elapsed = t - held[-1]
-        after = self.loop.jump(index, t, y, held, measured) if jumps else y
+        after = self.loop.jump(self._which(runs, index), t, y, held, measured) if jumps else y
         unknown = np.full(len(runs), np.inf)
         self.next[runs] = unknown if self.timetable is None else self.timetable.after(runs, index, t)
         self.disturbance.at_sample(runs, index, t, self.next[runs])

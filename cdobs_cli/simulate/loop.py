@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cdobs_cli.arrays import Array
+from cdobs_cli.arrays import Array, Integers
 from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.exact.expression import Expression, Number, Variable
 from cdobs_cli.hybrid import HybridSystem
@@ -149,10 +149,17 @@ class ClosedLoop:
     def measure(self, t: Array, y: Array, held: Array, noise: Array) -> Array:
         return stacked(self._measure(t, *y, *held, *noise), len(t))
 
-    def jump(self, index: int, t: Array, y: Array, held: Array, measured: Array) -> Array:
-        """After sample number `index`."""
-        jump = self._jumps[index % len(self._jumps)]
-        return stacked(jump(t, *y, *held, *measured), len(t))
+    def jump(self, which: Integers, t: Array, y: Array, held: Array, measured: Array) -> Array:
+        """After samples that read what these numbers tell, shape (R,)."""
+        numbers = np.unique(which)
+        if len(numbers) == 1:
+            return stacked(self._jumps[numbers[0]](t, *y, *held, *measured), len(t))
+        after = np.empty_like(y)
+        for number in numbers:
+            of = np.flatnonzero(which == number)
+            values = self._jumps[number](t[of], *y[:, of], *held[:, of], *measured[:, of])
+            after[:, of] = stacked(values, len(of))
+        return after
 
     @property
     def disturbance_rows(self) -> slice:

@@ -11,6 +11,7 @@ from cdobs_cli.run import SimulationPlan
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.loop import stacked
 from cdobs_cli.simulate.signals import Draws
+from cdobs_cli.simulate.walk import walker
 
 _SLACK = 1e-9  # relative, by which a typed sequence of periods may touch the ends of its law
 
@@ -20,8 +21,8 @@ class Timetable:
 
     periodic: t_k = k T. aperiodic: T_k drawn uniformly from (T_min, T_max] with the seed, or `sampling_times` at t_k.
     lossy: after each sample that arrives 0 to `lost` of those that follow are lost, each number as often as the others.
-    random: each is lost with the law's probability. multirate: at the times of its phases. An instant within rounding
-    of the horizon is the horizon.
+    random: each is lost with the law's probability. multirate: at the times of its phases. graph: see `walk`. An
+    instant within rounding of the horizon is the horizon.
 
     Raises:
         SpecError: a law that needs more samples than one run may have, or a typed period outside the law.
@@ -32,8 +33,13 @@ class Timetable:
         self.horizon, self.draws = float(plan.horizon), draws
         self.lost, self.probability = law.lost, float(law.probability)
         self.gaps = np.array([float(gap) for gap in law.gaps])
+        self.readings = len(law.readings)
+        self.walker = walker(law, draws, plan.runs) if law.is_graph else None
         self.slots = np.zeros(plan.runs)  # samples so far, lost ones too, of each run
         self._typed = None if plan.sampling_times is None else compile_floats([plan.sampling_times], ["t"], arrays=True)
+        if law.is_graph and self._typed is not None:
+            what, hint = "sensors have samples of their own", "leave sampling_times out: they are drawn with the seed"
+            raise SpecError.at(("simulation", "sampling_times"), what, str(plan.sampling_times), hint=hint)
         if not self.high > 0:
             raise SpecError.at(
                 ("measurement", "sampling"), "no sampling period above 0", str(law.document()), "a positive period"
@@ -45,12 +51,20 @@ class Timetable:
             hint = "shorten the horizon or lengthen the period"
             raise SpecError.at(("simulation", "horizon"), "the horizon holds too many samples", got, allowed, hint)
 
+    def reading(self, runs: Integers, index: int) -> Integers:
+        """What sample number `index`, the next one of each run, reads; of no sensors 0."""
+        if self.walker is not None:
+            return self.walker.reading[runs]
+        return np.full(len(runs), index % max(1, self.readings))
+
     def after(self, runs: Integers, index: int, t: Array) -> Array:
         """The instants that follow sample number `index`, which was at t (len(runs),)."""
         if self._typed is not None:
             period = stacked(self._typed(t), len(t))[0]
             self._refuse_outside(index, t, period)
             after = t + period
+        elif self.walker is not None:
+            after = self.walker.after(runs, index, t)
         elif self.probability:
             share = 1.0 - self.draws.at("periods", "uniform", 0, runs, index)  # in (0, 1]
             # A probability that rounds to 1 leaves no sample.

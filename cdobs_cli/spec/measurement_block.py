@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from fractions import Fraction
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag
@@ -11,12 +12,13 @@ from cdobs_cli.errors import Problem
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact
 from cdobs_cli.fields import NonNegativeNumber, PositiveNumber, Rows
 from cdobs_cli.sampling import SamplingLaw
-from cdobs_cli.sensors import MAX_LOST, Gains
+from cdobs_cli.sensors import Gains, Sensor
 from cdobs_cli.spec.block import Block
 from cdobs_cli.spec.boxes import MAX_STATES, ordered, shape_problem
 from cdobs_cli.spec.noise_block import NoiseBlock, noise_problems
 from cdobs_cli.spec.plant_block import PlantBlock
 from cdobs_cli.spec.sensors_block import (
+    LostBlock,
     SensorsField,
     one_law,
     schedule,
@@ -69,18 +71,6 @@ SamplingField = Annotated[
 ]
 
 
-class LostBlock(Block):
-    """Which samples of a constant period may be lost: so many in a row at most, or each with a probability."""
-
-    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": ["at_most"]}, {"required": ["probability"]}]})
-    at_most: Annotated[
-        Annotated[int, Field(strict=True, ge=0, le=MAX_LOST)] | None, Field(description="Lost in a row, at most.")
-    ] = None
-    probability: Annotated[
-        NonNegativeNumber | None, Field(description="Of each sample to be lost, independently; below 1.")
-    ] = None
-
-
 class MeasurementBlock(Block):
     """y_k = C x(t_k) + v_k, and when; or the same of each sensor."""
 
@@ -95,8 +85,9 @@ class MeasurementBlock(Block):
     ] = None
     gains: Annotated[
         Gains | None,
-        Field(description="Of sensors: a gain for each sample of their common pattern, for each set of sensors that is "
-              "read together, or one, of which a sample uses the columns of what is read."),
+        Field(description="Of sensors, and of samples that may be lost: a gain for each sample of the common pattern, "
+              "and each time since the last that arrived; for each set of sensors that is read together; or one, of "
+              "which a sample uses the columns of what is read."),
     ] = None  # fmt: skip
 
     @property
@@ -114,8 +105,9 @@ def measurement_problems(
         yield from _beside_sensors(measurement, plant)
         yield from sensor_problems(measurement.sensors or {}, wrong_fields, states, dynamics)
         return
-    if measurement.gains is not None:
-        yield Problem(("measurement", "gains"), "goes with `sensors`, which are not given")
+    if measurement.gains is not None and (measurement.lost is None or not measurement.lost.at_most):
+        what = "goes with `sensors`, or with lost samples: {at_most: ..}, which are not given"
+        yield Problem(("measurement", "gains"), what)
     if measurement.sampling is None and "sampling" not in wrong_fields:
         yield Problem(("measurement", "sampling"), "is required")
     if states is not None and measurement.C is not None:
@@ -153,7 +145,7 @@ def _beside_sensors(measurement: MeasurementBlock, plant: PlantBlock | None) -> 
     for name in ("C", "sampling", "noise", "lost"):
         if getattr(measurement, name) is not None:
             taken = "period, offset" if name == "sampling" else name
-            hint = "lost samples of sensors are not taken yet" if name == "lost" else f"give it to each sensor: {taken}"
+            hint = f"give it to each sensor: {taken}"
             yield Problem(("measurement", name), "does not go with `sensors`", hint=hint)
     if plant is not None and plant.output is not None:
         yield Problem(("plant", "output"), "does not go with `sensors`", hint="give it to each sensor: output: [..]")
@@ -181,8 +173,9 @@ def _loss_problems(lost: LostBlock, wrong_fields: set[str]) -> Iterator[Problem]
         yield Problem((*at, "probability"), "a probability below 1 is expected", str(lost.probability), "0 to 1, not 1")
 
 
-def sampling_law(measurement: MeasurementBlock) -> SamplingLaw:
-    """The noun of `measurement.sampling`, or of `sensors`; equal ends are a constant period."""
+def sampling_law(measurement: MeasurementBlock, outputs: int | None) -> SamplingLaw:
+    """The noun of `measurement.sampling`, or of `sensors`; equal ends are a constant period. outputs: how many there
+    are."""
     if measurement.sensors is not None:
         sensors = measurement.sensors
         return SamplingLaw.multirate(shortest_period(sensors), schedule(sensors), measurement.gains or "by_phase")
@@ -191,6 +184,9 @@ def sampling_law(measurement: MeasurementBlock) -> SamplingLaw:
         lost = measurement.lost
         if lost is not None and lost.probability is not None:
             return SamplingLaw.randomly(law.period, lost.probability)
+        if lost is not None and lost.at_most and measurement.gains == "by_phase":
+            one = Sensor("y", tuple(range(outputs or 0)), Fraction(1), lost=lost.at_most)
+            return SamplingLaw.multirate(law.period, [one])
         return SamplingLaw.periodic(law.period, (lost.at_most or 0) if lost else 0)
     if isinstance(law, Aperiodic):
         equal = (law.max_period - law.shortest).sign() == 0

@@ -208,7 +208,11 @@ class _Loader:
         seen = {**context, "outputs": _outputs(plant, measurement)}
         simulation, simulation_wrong = self.section(SimulationBlock, root.get("simulation"), "simulation", seen)
         if simulation is not None:
-            law = None if measurement is None or not measurement.has_law else sampling_law(measurement)
+            law = (
+                None
+                if measurement is None or not measurement.has_law
+                else sampling_law(measurement, _outputs(plant, measurement))
+            )
             self.problems += simulation_problems(
                 simulation, simulation_wrong,
                 states=context["states"], inputs=self.signalled(context["inputs"], family),
@@ -222,7 +226,8 @@ class _Loader:
             raise self.fail()
 
         names = tuple(context["coordinates"])
-        typed = typed_plant(plant, measurement.C, sampling_law(measurement), measurement.noise, names)
+        law = sampling_law(measurement, _outputs(plant, measurement))
+        typed = typed_plant(plant, measurement.C, law, measurement.noise, names)
         asked = None if simulation is None else plan(simulation)
         self.problems += () if asked is None else limit_problems(typed, asked)
         final, run, coordinates = self.derive(typed, asked)

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, Field, ValidationInfo
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.expression import ZERO, Expression, Variable
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
 from cdobs_cli.fields import NonNegativeNumber, PositiveNumber, Rows, formula, sized, wrong
+from cdobs_cli.graph import MAX_NODES, graph
 from cdobs_cli.plant import weighted
 from cdobs_cli.sampling import share_of
-from cdobs_cli.sensors import MAX_PHASES, MAX_SENSORS, Sensor, hyperperiod, is_bounded
+from cdobs_cli.sensors import MAX_LOST, MAX_PHASES, MAX_SENSORS, Sensor, hyperperiod, is_bounded
 from cdobs_cli.spec.block import Block, Name
 from cdobs_cli.spec.boxes import MAX_STATES, shape_problem
 from cdobs_cli.spec.noise_block import NoiseBlock, noise_problems
@@ -23,8 +24,21 @@ AT: FieldPath = ("measurement", "sensors")
 _Outputs = Annotated[tuple[Annotated[Expression, formula("states", "inputs")], ...], sized(1, MAX_STATES)]
 
 
+class LostBlock(Block):
+    """Which samples of a constant period may be lost: so many in a row at most, or each with a probability."""
+
+    model_config = ConfigDict(json_schema_extra={"oneOf": [{"required": ["at_most"]}, {"required": ["probability"]}]})
+    at_most: Annotated[
+        Annotated[int, Field(strict=True, ge=0, le=MAX_LOST)] | None, Field(description="Lost in a row, at most.")
+    ] = None
+    probability: Annotated[
+        NonNegativeNumber | None, Field(description="Of each sample to be lost, independently; below 1.")
+    ] = None
+
+
 class SensorBlock(Block):
-    """What one sensor measures, every `period` from `offset` on."""
+    """What one sensor measures, every `period` from `offset` on, or at least `min_period` and at most `max_period`
+    apart."""
 
     C: Annotated[Rows | None, Field(description="Its rows: it measures C x.")] = None
     output: Annotated[
@@ -34,7 +48,28 @@ class SensorBlock(Block):
     offset: Annotated[
         NonNegativeNumber | None, Field(description="When it is read first, below its period; 0 where left out.")
     ] = None
+    min_period: Annotated[
+        PositiveNumber | None, Field(description="Instead of a period: the least time between two of its samples.")
+    ] = None
+    max_period: Annotated[
+        PositiveNumber | None, Field(description="And the longest; the sensor then keeps no step with others.")
+    ] = None
+    lost: Annotated[LostBlock | None, Field(description="How many of its samples may be lost in a row: at_most.")] = (
+        None
+    )
     noise: Annotated[NoiseBlock | None, Field(description="Of its outputs; none where left out.")] = None
+
+    @property
+    def most_lost(self) -> int:
+        """In a row."""
+        return 0 if self.lost is None else self.lost.at_most or 0
+
+    @property
+    def longest(self) -> Exact | None:
+        """Between two of its samples that are not lost, where it keeps no step with others."""
+        if self.max_period is not None:
+            return self.max_period
+        return None if self.period is None else self.period * Exact(self.most_lost + 1)
 
     @property
     def first(self) -> Exact:
@@ -95,15 +130,14 @@ def sensor_problems(
     if rows > MAX_STATES:
         yield Problem(AT, f"at most {MAX_STATES} outputs are taken", str(rows))
     yield from _noise_kinds(sensors)
-    if sensors and all(sensor.period is not None for sensor in sensors.values()):
+    if sensors and all((one.period is None) != (one.max_period is None) for one in sensors.values()):
         yield from _schedule_problems(sensors)
 
 
 def _problems_of_one(
     sensor: SensorBlock, at: FieldPath, states: tuple[str, ...] | None, dynamics: bool | None
 ) -> Iterator[Problem]:
-    if sensor.period is None:
-        yield Problem((*at, "period"), "is required")
+    yield from _problems_of_times(sensor, at)
     typed = [name for name in ("C", "output") if getattr(sensor, name) is not None]
     if len(typed) != 1:
         allowed = "output: [..] or C: [[..]]" if dynamics else "C: [[..]]"
@@ -115,9 +149,36 @@ def _problems_of_one(
         yield from shape_problem((*at, "C"), sensor.C.shape, wanted, "a column for each state")
     if sensor.noise is not None:
         yield from noise_problems(sensor.noise, (*at, "noise"), sensor.rows or None)
+
+
+def _problems_of_times(sensor: SensorBlock, at: FieldPath) -> Iterator[Problem]:
+    if sensor.period is None and sensor.max_period is None:
+        given = sensor.min_period is not None
+        yield Problem((*at, "max_period" if given else "period"), "is required")
+    if sensor.period is not None and (sensor.max_period is not None or sensor.min_period is not None):
+        what, hint = "period does not go with min_period and max_period", "write the one or the others"
+        yield Problem((*at, "period"), what, hint=hint)
+    if sensor.period is None and sensor.max_period is not None:
+        if sensor.min_period is None:
+            what, hint = "is required of a sensor among others", "the least time between two of its samples, above 0"
+            yield Problem((*at, "min_period"), what, hint=hint)
+        elif (sensor.max_period - sensor.min_period).sign() == -1:
+            what = "min_period is above max_period"
+            yield Problem((*at, "min_period"), what, str(sensor.min_period), f"at most {sensor.max_period}")
+        if sensor.offset is not None:
+            what, hint = "goes with a period", "a sensor that keeps no step is read first when it likes"
+            yield Problem((*at, "offset"), what, hint=hint)
+        if sensor.lost is not None:
+            hint = "else let max_period be the longest gap"
+            yield Problem((*at, "lost"), "losses are counted in samples of a constant period", hint=hint)
     if sensor.period is not None and (sensor.period - sensor.first).sign() != 1:
         what, hint = "is not below the sensor's period", "an offset says when the sensor is read first"
         yield Problem((*at, "offset"), what, str(sensor.first), f"0 to {sensor.period}, which is left out", hint)
+    if sensor.lost is not None and sensor.lost.probability is not None:
+        what, hint = "of a sensor among others the losses in a row are taken", "write lost: {at_most: 3}"
+        yield Problem((*at, "lost", "probability"), what, hint=hint)
+    elif sensor.lost is not None and sensor.lost.at_most is None:
+        yield Problem((*at, "lost"), "a number of losses is expected", None, "{at_most: 3}")
 
 
 def _noise_kinds(sensors: Mapping[str, SensorBlock]) -> Iterator[Problem]:
@@ -135,46 +196,65 @@ def _noise_kinds(sensors: Mapping[str, SensorBlock]) -> Iterator[Problem]:
 
 def _schedule_problems(sensors: Mapping[str, SensorBlock]) -> Iterator[Problem]:
     base = shortest_period(sensors)
-    odd = [
-        (*AT, name, field)
+    timed = [
+        ((*AT, name, field), time)
         for name, sensor in sensors.items()
-        for field, time in (("period", sensor.period), ("offset", sensor.first))
-        if time is not None and share_of(time, base) is None
+        for field in ("period", "offset", "min_period", "max_period")
+        if (time := getattr(sensor, field)) is not None
     ]
-    for at in odd:
-        what = f"is no rational multiple of the shortest period, {base}: sensors out of step are not taken yet"
-        time = getattr(sensors[str(at[2])], str(at[3]))
-        hint = "write periods and offsets in proportion, such as 0.1, 0.25 and 0.4"
+    odd = [(at, time) for at, time in timed if share_of(time, base) is None]
+    for at, time in odd:
+        what = f"is no rational multiple of the shortest period, {base}"
+        hint = "write periods and offsets in proportion, such as 0.1, 0.25 and 0.4, or min_period and max_period"
         yield Problem(at, what, str(time), hint=hint)
     if odd:
         return
     listed = schedule(sensors)
-    if not any(sensor.offset == 0 for sensor in listed):
+    if not any(sensor.is_free for sensor in listed) and not any(sensor.offset == 0 for sensor in listed):
         earliest = min(sensors, key=lambda name: float(sensors[name].first))
         what, hint = "time begins with a sample: one sensor has the offset 0", "take the least offset from all of them"
         yield Problem((*AT, earliest, "offset"), what, str(sensors[earliest].first), "0", hint)
-    elif not is_bounded(listed):
-        H = base * Exact(hyperperiod(listed))
-        what = f"the sensors are read as before only after {H}: with at most {MAX_PHASES} samples until then"
-        yield Problem(AT, what, hint="choose periods and offsets that are small multiples of one another")
+    elif graph(listed) is None:
+        yield Problem(AT, *_too_much(base, listed))
+
+
+def _too_much(base: Exact, listed: Sequence[Sensor]) -> tuple[str, None, None, str]:
+    if any(sensor.is_free for sensor in listed):
+        what = f"too many orders of samples are possible: at most {MAX_NODES} situations are told apart"
+        return what, None, None, "give the sensors less different periods, or fewer of them"
+    if is_bounded(listed):
+        what = f"too many patterns of losses are possible: at most {MAX_NODES} situations are told apart"
+        return what, None, None, "let fewer samples be lost, or write min_period and max_period"
+    what = f"the sensors are read as before only after {base * Exact(hyperperiod(listed))}"
+    hint = "let all of them be multiples of one sensor's period, or small multiples of one another"
+    return f"{what}: with at most {MAX_PHASES} samples until then", None, None, hint
 
 
 def shortest_period(sensors: Mapping[str, SensorBlock]) -> Exact:
-    """Of all sensors."""
-    periods = [sensor.period for sensor in sensors.values() if sensor.period is not None]
-    return min(periods, key=float)
+    """Of all sensors; of those that keep no step the longest that each may take."""
+    free = any(sensor.max_period is not None for sensor in sensors.values())
+    periods = (sensor.longest if free else sensor.period for sensor in sensors.values())
+    return min((one for one in periods if one is not None), key=float)
 
 
 def schedule(sensors: Mapping[str, SensorBlock]) -> list[Sensor]:
-    """The nouns of sensors in step, outputs numbered through; one whose times are not in step is left out."""
+    """The nouns of sensors, outputs numbered through; one whose times are not in proportion is left out. One that keeps
+    no step lets none of the others keep it."""
     base, first, listed = shortest_period(sensors), 0, []
+    free = any(sensor.max_period is not None for sensor in sensors.values())
     for name, sensor in sensors.items():
         outputs = tuple(range(first, first + sensor.rows))
         first += sensor.rows
-        every = None if sensor.period is None else share_of(sensor.period, base)
-        offset = share_of(sensor.first, base)
-        if every is not None and offset is not None:
-            listed.append(Sensor(name, outputs, every, offset))
+        longest, least = sensor.longest if free else sensor.period, sensor.min_period or sensor.period
+        every, offset = None if longest is None else share_of(longest, base), share_of(sensor.first, base)
+        between = None if least is None else share_of(least, base)
+        if every is None or offset is None or between is None:
+            continue
+        listed.append(
+            Sensor(name, outputs, every, least=between)
+            if free
+            else Sensor(name, outputs, every, offset, sensor.most_lost)
+        )
     return listed
 
 
