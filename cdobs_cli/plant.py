@@ -79,6 +79,9 @@ class Domain:
     def __bool__(self) -> bool:
         return bool(self.box or self.where)
 
+    def __hash__(self) -> int:
+        return hash((frozenset(self.box.items()), self.where))
+
     @property
     def text(self) -> str:
         """In a sentence's words: `x in [0, 1], 1 - (x + y) >= 0`."""

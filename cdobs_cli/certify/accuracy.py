@@ -20,13 +20,15 @@ from cdobs_cli.certify.methods.mean_square.every_time import EveryTime
 from cdobs_cli.certify.methods.mean_square.from_zero import MeanSquareFromZero
 from cdobs_cli.certify.methods.peak.certificate import Peak
 from cdobs_cli.certify.methods.peak.from_zero import PeakFromZero
+from cdobs_cli.certify.methods.response import MeanSquareResponse, PeakResponse
 from cdobs_cli.exact.numbers import Exact, lower_text, upper_text
 from cdobs_cli.plant import Box, Plant
 
 REACHES: tuple[Reach, ...] = ("error bound", "mean square", "error attained")
 # By the question: of each name one is kept, that of the least bound.
 METHODS: tuple[type[Method], ...] = (
-    Peak, PeakFromZero, Average, EveryTime, MeanSquareFromZero, CyclePeak, CycleMeanSquare,
+    Peak, PeakFromZero, Average, EveryTime, MeanSquareFromZero, PeakResponse, MeanSquareResponse, CyclePeak,
+    CycleMeanSquare,
 )  # fmt: skip
 Transient = Callable[[Box], tuple[arb, ...]]
 _DIGITS = 6

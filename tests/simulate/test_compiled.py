@@ -238,6 +238,7 @@ def test_what_another_could_have_written_is_not_loaded(tmp_path, monkeypatch):
     assert made is not None
     loaded, path = made
     assert loaded.answer() == 42
+    path.unlink()  # the loaded one stays whole
     path.write_bytes(b"no library")
     path.chmod(0o777)
     again = library.library(source)  # made anew, as others may have written it

@@ -36,6 +36,7 @@ from cdobs_cli.certify.methods.clock.cycle import ClockGraph, shapes, unit
 from cdobs_cli.certify.methods.mean_square.signals import bounded_floats, noise_floats
 from cdobs_cli.certify.methods.peak.signals import acting, acting_sizes
 from cdobs_cli.certify.methods.peak.state import number_of
+from cdobs_cli.certify.methods.response import error_sizes
 from cdobs_cli.certify.texts import rate_of, upper_texts
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
@@ -76,8 +77,12 @@ class CycleSize(ClockGraph):
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:
-        """The least bound found for the error of the question's state, of a few rates. The memory keeps the fastest."""
+        """The least bound found for the error of the question's state, of a few rates, where its response to signals
+        leaves much open. The memory keeps the fastest."""
         if question.state is None or not cls.applies(question):
+            return None
+        response = error_sizes(question.inclusion)
+        if response is not None and response.are_close:
             return None
         proposals = (cls._at(question.with_rate(sigma)) for sigma in _rates(question))
         proved = [(one, one.prove(question).error) for one in proposals if one is not None]
