@@ -9,13 +9,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import lru_cache
 from itertools import islice, product
 
 from cdobs_cli.exact.numbers import Exact
-from cdobs_cli.graph import Edge, Graph
+from cdobs_cli.graph import Edge, Graph, graph
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.sensors import Phase, Sensor, is_bounded, phases
 
+Steps = tuple[tuple[Fraction, Edge], ...]
 _MOST_STEPS = 8
 _MOST_WALKS = 120
 _COUNTS, _OFFSETS = (1, 2, 3, 4, 5, 6), (Fraction(1, 2), Fraction(1, 8))
@@ -31,18 +33,24 @@ class Walk:
 
 def walks(law: SamplingLaw) -> list[Walk]:
     """Short ones first."""
-    graph = law.graph
-    if any(one.is_free for one in law.sensors):
-        found: Iterator[Walk | None] = (_settled(law, of) for of in islice(_schedules(law.sensors), 4 * _MOST_WALKS))
-        return list(dict.fromkeys(walk for walk in found if walk is not None))[:_MOST_WALKS]
-    if not is_bounded(law.sensors):
-        return []
-    closed = islice(_closed(graph), _MOST_WALKS)
-    return [_walk(law, [(edge.low, edge) for edge in edges]) for edges in closed]
+    return [
+        Walk(tuple(law.base * Exact(clock) for clock, _ in steps), tuple(edge.reading for _, edge in steps))
+        for steps in _steps(law.sensors)
+    ]
 
 
-def _walk(law: SamplingLaw, steps: Sequence[tuple[Fraction, Edge]]) -> Walk:
-    return Walk(tuple(law.base * Exact(clock) for clock, _ in steps), tuple(edge.reading for _, edge in steps))
+@lru_cache(maxsize=8)
+def _steps(sensors: tuple[Sensor, ...]) -> tuple[Steps, ...]:
+    """The same in shortest periods."""
+    timed = graph(sensors)
+    if timed is None:
+        return ()
+    if any(one.is_free for one in sensors):
+        found = (_settled(timed, sensors, of) for of in islice(_schedules(sensors), 4 * _MOST_WALKS))
+        return tuple(dict.fromkeys(steps for steps in found if steps))[:_MOST_WALKS]
+    if not is_bounded(sensors):
+        return ()
+    return tuple(tuple((edge.low, edge) for edge in edges) for edges in islice(_closed(timed), _MOST_WALKS))
 
 
 def _closed(graph: Graph) -> Iterator[tuple[Edge, ...]]:
@@ -98,25 +106,24 @@ def _in_turn(of: Sequence[Phase]) -> tuple[Phase, ...]:
     return tuple(turned)
 
 
-def _settled(law: SamplingLaw, of: tuple[Phase, ...]) -> Walk | None:
-    """A schedule as the graph takes it from the second time on, with the ages as they are then."""
-    graph, names = law.graph, [sensor.name for sensor in law.sensors]
+def _settled(timed: Graph, sensors: Sequence[Sensor], of: tuple[Phase, ...]) -> Steps:
+    """A schedule as the graph takes it from the second time on, with the ages as they are then; empty where it does
+    not."""
+    names = [sensor.name for sensor in sensors]
     ages, node, steps = dict.fromkeys(names, Fraction(0)), None, list[tuple[Fraction, Edge]]()
-    for round_ in range(3):
+    for turn in range(3):
         for q, phase in enumerate(of):
             clock, name = of[q - 1].gap, phase.sensors[0].name
             ages = {one: Fraction(0) if one == name else age + clock for one, age in ages.items()}
             known = [ages[one] for one in names]
-            if round_ == 0:
+            if turn == 0:
                 continue
             if node is None:
-                node = graph.standing(names.index(name), known)
+                node = timed.standing(names.index(name), known)
                 continue
-            edge = graph.next(node, clock, [name], known)
+            edge = timed.next(node, clock, [name], known)
             if edge is None:
-                return None
+                return ()
             node = edge.target
-            if round_ == 2 or q:
-                steps.append((clock, edge))
-    steps = steps[-len(of) :]
-    return _walk(law, steps) if len(steps) == len(of) else None
+            steps.append((clock, edge))
+    return tuple(steps[-len(of) :]) if len(steps) >= len(of) else ()

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 _RATE_WIDTH, _RATE_DIGITS = Fraction(1, 100), 6
 _QUICK_WIDTH, _SPAN = Fraction(1, 10), 1000  # of the search for the rate half of which is asked for
+_PARTS = (Fraction(1, 4), Fraction(1, 2))
 _SLOW = 50  # longest periods in which the error falls to 1 % at least, where no disturbance keeps a gain from vanishing
 
 
@@ -111,14 +112,10 @@ class CycleGain(GainSearch):
     def quietest(self, question: Question) -> Candidate | None:
         """Of white noise R = I, errors weighted by 1 / scale^2, at half of the fastest rate that is found, at most that
         of an error that falls to 1 % in n of the longest periods."""
-        plant, H = question.plant, float(question.law.base) * float(max(one.every for one in question.law.sensors))
-        cap = search.short(log(100) / (plant.n * H), _RATE_DIGITS)
-        quick = question.with_effort(0).afresh()
-        low = search.short(float(cap) / _SPAN, _RATE_DIGITS)
-        met = search.between(lambda sigma: self._at_rate(quick, sigma), low, cap, _QUICK_WIDTH, _RATE_DIGITS)
-        if met is None:
+        found = self._half_of_fastest(question)
+        if found is None:
             return None
-        half = max(question.rate, (met[0].rational or Fraction(0)) / 2)
+        half = max(question.rate, found)
         aim = Aim.quiet(question, float(half))
         return self._quiet(question.with_rate(half), aim)
 
@@ -127,15 +124,37 @@ class CycleGain(GainSearch):
         near: ExactMatrix | None = None,
     ) -> Candidate | None:  # fmt: skip
         """The gain of least mean square over time under what is declared, bounded signals as if uniform; where no
-        disturbance keeps a gain from vanishing at a slow rate."""
+        disturbance keeps a gain from vanishing at a slow rate. By a merit the best of these at rates up to parts of the
+        fastest: bounds of bounded signals are closer at fast rates."""
         aim = Aim.declared(question, weights, float(question.rate))
         if not (aim.R.any() or aim.Q.any()):
             return None
         H = float(question.law.base) * float(max(one.every for one in question.law.sensors))
         slow = search.short(log(100) / (_SLOW * H), _RATE_DIGITS).rational or Fraction(0)
         rates = (question.rate,) if aim.Q.any() else (max(question.rate, slow), question.rate)
-        candidates = (self._quiet(question.with_rate(sigma), aim) for sigma in rates)
-        return next((one for one in candidates if one is not None), None)
+        made = (self._quiet(question.with_rate(sigma), aim) for sigma in rates)
+        first = next((one for one in made if one is not None), None)
+        if merit is None:
+            return first
+        fastest = self._half_of_fastest(question)
+        further = [2 * fastest * part for part in _PARTS if fastest and 2 * fastest * part > question.rate]
+        candidates = [first, *(self._quiet(question.with_rate(sigma), aim) for sigma in further)]
+        weighed = [
+            (size, number, one)
+            for number, one in enumerate(candidates)
+            if one is not None and (size := merit(question.with_gain({"K": one.gain}))) is not None
+        ]
+        return min(weighed)[2] if weighed else first
+
+    def _half_of_fastest(self, question: Question) -> Fraction | None:
+        """Half of the fastest rate that is found, at most that of an error that falls to 1 % in n of the longest
+        periods."""
+        plant, H = question.plant, float(question.law.base) * float(max(one.longest for one in question.law.sensors))
+        cap = search.short(log(100) / (plant.n * H), _RATE_DIGITS)
+        quick = question.with_effort(0).afresh()
+        low = search.short(float(cap) / _SPAN, _RATE_DIGITS)
+        met = search.between(lambda sigma: self._at_rate(quick, sigma), low, cap, _QUICK_WIDTH, _RATE_DIGITS)
+        return None if met is None else (met[0].rational or Fraction(0)) / 2
 
     def _at_rate(self, question: Question, sigma: Exact) -> Candidate | None:
         return Candidate.of(design_cycle(question.with_rate(sigma.rational or Fraction(0))), 0.0)

@@ -81,13 +81,25 @@ class CycleSize(ClockGraph):
         leaves much open. The memory keeps the fastest."""
         if question.state is None or not cls.applies(question):
             return None
-        response = error_sizes(question.inclusion)
-        if response is not None and response.are_close:
-            return None
+        if question.law.is_multirate:
+            response = error_sizes(question.inclusion)
+            if response is not None and response.are_close:
+                return None
         proposals = (cls._at(question.with_rate(sigma)) for sigma in _rates(question))
         proved = [(one, one.prove(question).error) for one in proposals if one is not None]
         known = [(one, error) for one, error in proved if error is not None]
         return min(known, key=lambda pair: float(pair[1]), default=(None,))[0]
+
+    @classmethod
+    def error_guess(cls, question: Question) -> float | None:
+        """Of the rate in the middle of those that `propose` tries."""
+        if question.state is None or not cls.applies(question):
+            return None
+        question = question.afresh()  # the fastest rate is one gain's
+        rates = _rates(question)
+        one = cls._at(question.with_rate(rates[len(rates) // 2])) if rates else None
+        error = None if one is None else one.prove(question).error
+        return None if error is None else float(error)
 
     @classmethod
     def _at(cls, question: Question) -> Self | None:
