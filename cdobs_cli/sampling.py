@@ -115,6 +115,10 @@ class SamplingLaw:
         """After which time the sensors of a multirate law are read as before."""
         return _times(self.base, schedule.hyperperiod(self.sensors))
 
+    def time(self, share: Fraction) -> Exact:
+        """So much of the shortest period of a multirate law."""
+        return _times(self.base, share)
+
     def gain_columns(self, outputs: int) -> int:
         """How many columns an observer's gains have together: one for each output that is read, sample by sample."""
         return sum(len(phase.outputs) for phase in self.phases) if self.is_multirate else outputs

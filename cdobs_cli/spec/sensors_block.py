@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
+from itertools import pairwise
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, ValidationInfo
 
 from cdobs_cli.errors import Problem
-from cdobs_cli.exact.expression import ZERO, Expression, Variable
-from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
+from cdobs_cli.exact.expression import ZERO, Expression, ExpressionError, Variable
+from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix, decimal_text
 from cdobs_cli.fields import NonNegativeNumber, PositiveNumber, Rows, formula, sized, wrong
 from cdobs_cli.plant import weighted
 from cdobs_cli.sensors import MAX_PHASES, MAX_SENSORS, Sensor, hyperperiod, is_bounded
@@ -73,7 +74,9 @@ SensorsField = Annotated[dict[Name, SensorBlock], BeforeValidator(_named)]
 
 
 def one_law(value: Any, info: ValidationInfo) -> Any:
-    """A list of sampling laws is refused, and shown as sensors."""
+    """A list of sampling laws is refused, and shown as sensors; a list of instants, and shown as an interval."""
+    if isinstance(value, dict) and "times" in value:
+        raise _listed(value["times"])
     if not isinstance(value, list):
         return value
     C = info.data.get("C")
@@ -81,6 +84,28 @@ def one_law(value: Any, info: ValidationInfo) -> Any:
     sensors = [_rewritten(k, {"C": [rows[k]], "sampling": law}) for k, law in enumerate(value)]
     what = "one law for all outputs is expected; outputs with periods of their own are sensors"
     raise wrong(what, f"write, for C and sampling, sensors: {{{', '.join(sensors)}}}")
+
+
+def _listed(times: Any) -> Exception:
+    """The error of instants one by one: what is proved is proved of a law."""
+    ends = _gap_ends(times)
+    low, high = ("..", "..") if ends is None else (decimal_text(end, 9) for end in ends)
+    what = "a law of all instants is expected, not some of them"
+    interval = f"write sampling: {{min_period: {low}, max_period: {high}}}, which holds all times with such gaps"
+    shown = "and give those to be simulated by simulation.sampling_times, an expression of t_k"
+    return wrong(what, f"{interval}, {shown}; a pattern that repeats is one of sensors with offsets")
+
+
+def _gap_ends(times: Any) -> tuple[Fraction, Fraction] | None:
+    """The shortest and the longest gap of a list of rising numbers; None of anything else."""
+    if not isinstance(times, list) or not all(isinstance(one, str | int | float) for one in times):
+        return None
+    try:
+        known = [Exact(str(one)).rational for one in times[:1000]]
+    except (ExpressionError, ValueError):
+        return None
+    gaps = [b - a for a, b in pairwise(known) if a is not None and b is not None]
+    return (min(gaps), max(gaps)) if gaps and len(gaps) == len(known) - 1 and min(gaps) > 0 else None
 
 
 def sensor_problems(
