@@ -18,7 +18,8 @@ Role = Literal["truth", "estimate", "proved", "refuted", "measured", "beside", "
 
 @dataclass(frozen=True)
 class Series:
-    """One curve: x and y of equal length (numpy arrays or sequences of floats)."""
+    """One curve: x and y of equal length (numpy arrays or sequences of floats). place: of measurements, whose they are:
+    each sensor has a marker and a colour of its own in all panels."""
 
     label: str
     x: Sequence[float] | Any
@@ -26,6 +27,7 @@ class Series:
     kind: SeriesKind = "line"
     role: Role = "other"
     y2: Sequence[float] | Any = None
+    place: int = 0
 
 
 @dataclass(frozen=True)

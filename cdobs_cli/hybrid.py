@@ -336,8 +336,8 @@ class Observer:
         start: value of each state at t_0, before the first measurement is used.
         flow: time derivative of each state between samples.
         jump: value of each state just after a sample.
-        jumps: where samples differ in what is read, the jump of each in turn, one after the other and again from the
-            first; `jump` is the first of them then.
+        jumps: where samples differ in what is read, the jump of each reading of the sampling law; `jump` is the first
+            of them then.
         jump_at_start: whether the sample at t_0 makes a jump.
         trigger: the next sample is when this expression first reaches 0 from below; None: the sampling law decides.
         estimates: what is reported, by name: {"x_hat": n expressions} or {"x_lower": .., "x_upper": ..}.

@@ -244,7 +244,7 @@ def _write_run(work: Work, design: Design, run: Run) -> dict[str, Any]:
     from cdobs_cli.simulate.archive import to_bytes
 
     # The archive first: simulation.json, which names its digest, is what makes a run count as there.
-    archive = to_bytes(run)
+    archive = to_bytes(run, design.sampling.sensors)
     work.store.write_files({"simulation.npz": archive})
     run = replace(run, digests={**_simulation_digests(work, design), ARCHIVE: _sha256(archive)})
     work.redone.add("simulate")

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from cdobs_cli.sensors import Sensor
+
 
 ESTIMATE = "hat."  # before the name of a state, in the signal of an input: its estimate
 
@@ -71,6 +73,14 @@ class Trajectory:
     y_k: NDArray[np.float64]
     inputs: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     stopped: str | None = None
+
+    def read_by(self, sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The instants at which a sensor is read (K_s,), and what it says (K_s, its outputs): y_k is NaN elsewhere."""
+        import numpy as np
+
+        own = self.y_k[:, list(sensor.outputs)]
+        at = ~np.isnan(own).all(axis=1)
+        return self.t_k[at], own[at]
 
 
 @dataclass(frozen=True)

@@ -148,6 +148,10 @@ class SamplingLaw:
         """After which time the sensors of a multirate law are read as before."""
         return _times(self.base, schedule.hyperperiod(self.sensors))
 
+    def time(self, share: Fraction) -> Exact:
+        """So much of the shortest period of a multirate law."""
+        return _times(self.base, share)
+
     def gain_columns(self, outputs: int) -> int:
         """How many columns an observer's gains have together: one for each output that is read, sample by sample."""
         return sum(len(one.outputs) for one in self.readings) if self.has_sensors else outputs
@@ -216,9 +220,10 @@ class SamplingLaw:
     def repeats(self, gaps: Sequence[Exact], readings: Sequence[int | None]) -> bool:
         """Whether a run of sensors may certainly take steps so long for ever, with these readings at their ends (None:
         nothing arrives), one after the other and again from the first."""
-        shares = [share_of(gap, self.base) for gap in gaps]
-        known = [share for share in shares if share is not None]
-        return self.is_graph and len(known) == len(gaps) and self.graph.repeats(known, readings, self.sensors)
+        if not self.is_graph:
+            return False
+        known = [share for gap in gaps if (share := share_of(gap, self.base)) is not None]
+        return len(known) == len(gaps) and self.graph.repeats(known, readings, self.sensors)
 
     @property
     def symbols(self) -> str:

@@ -29,6 +29,7 @@ ROLE_COLOURS = {
     "truth": BLACK, "estimate": BLUE, "proved": GREEN, "refuted": VERMILLION, "measured": ORANGE, "beside": VERMILLION,
 }  # fmt: skip
 OTHER_COLOURS = (PURPLE, SKY, ORANGE, "#7F7F7F", BLUE, GREEN)
+SENSOR_COLOURS = (ORANGE, PURPLE, SKY, GREEN, "#7F7F7F")
 # The first line of a role, then the further ones: dashes keep them apart where colours cannot.
 ROLE_DASHES: dict[str, Any] = {"estimate": (0, (5, 1.6)), "proved": (0, (6, 1.5, 1, 1.5)), "refuted": (0, (3, 1.2))}
 FURTHER_DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)), (0, (8, 2)))
@@ -209,6 +210,8 @@ def _legend(ax: Axes, known: set[str]) -> None:
 
 def _draw_series(ax: Axes, series: Series, index: int, *, many: bool, panel: Panel) -> None:
     colour = ROLE_COLOURS.get(series.role) or OTHER_COLOURS[index % len(OTHER_COLOURS)]
+    if series.role == "measured":
+        colour = SENSOR_COLOURS[series.place % len(SENSOR_COLOURS)]
     # An estimate is dashed to show the truth below it; without it, or alone, a full line is easier to read.
     lines = {other.role for other in panel.series if other.role == "truth" or other.kind != "points"}
     below = bool(lines & {"truth", "measured"})
@@ -226,7 +229,7 @@ def _draw_series(ax: Axes, series: Series, index: int, *, many: bool, panel: Pan
         case "steps":
             ax.step(x, y, where="post", **line)
         case "points":
-            marker = MARKERS[index % len(MARKERS)]
+            marker = MARKERS[(series.place or index) % len(MARKERS)]
             size, edge, rim = (3.6, 0.4, "white") if len(x) < 200 else (1.8, 0.0, "white")
             if series.role == "refuted":  # what is not there
                 marker, edge, rim = "x", 0.9, colour

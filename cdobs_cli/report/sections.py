@@ -38,8 +38,10 @@ from cdobs_cli.report.numbers import (
     number_text,
 )
 from cdobs_cli.report.references import cited
+from cdobs_cli.report.sensing import assumed, gains_table
 from cdobs_cli.report.witnesses import witness_name
 from cdobs_cli.run import RunSummary
+from cdobs_cli.sampling import SamplingLaw
 
 MAX_RUN_ROWS = 20
 _SIMULATION_CHARTS = ("states", "typed_states", "error", "accuracy", "sampling")
@@ -133,10 +135,13 @@ def _slope(report: Report, what: str, declared: str, key: str) -> tuple[Cell, ..
 
 def _measurement(report: Report) -> Section:
     designed, typed = report.design.sampling, report.plant.sampling
-    text = f"Samples are taken {designed.text(report.labels.time)}."
+    begin = "Sensors are read apart:" if designed.has_sensors else "Samples are taken"
+    text = f"{begin} {designed.text(report.labels.time)}."
     if designed != typed and not typed.is_updated:
         text += f" This is the law designed for; the spec asks for samples {typed.text(report.labels.time)} at least."
-    return Section("Measurement", (Mathematics(systems.output_equations(report.plant)), Paragraph(text)))
+    return Section(
+        "Measurement", (Mathematics(systems.output_equations(report.plant)), Paragraph(text), *assumed(report))
+    )
 
 
 def _observer(report: Report) -> Section:
@@ -152,13 +157,23 @@ def _observer(report: Report) -> Section:
     if report.observer is not None:
         blocks += [Paragraph("Between samples:"), Mathematics(systems.flow_equations(report.observer))]
         if jumps := systems.jump_equations(report.observer):
-            blocks += [Paragraph("At a sample:"), Mathematics(jumps)]
+            blocks += [Paragraph(_at_a_sample(design.sampling)), Mathematics(jumps)]
         if held := systems.held_equations(report.observer):
             blocks += [Paragraph("Held from one sample to the next:"), Mathematics(held)]
-    if design.gain:
+    if design.gain and design.sampling.has_sensors:
+        blocks.append(gains_table(report))
+    elif design.gain:
         words = "The gain, in the decimals that are run and proved:"
         blocks += [Paragraph(words), Mathematics(systems.gain_equations(design.gain))]
     return Section("Observer", tuple(blocks))
+
+
+def _at_a_sample(law: SamplingLaw) -> str:
+    """Of sensors with periods of their own one sample is written out."""
+    if not law.has_sensors:
+        return "At a sample:"
+    which = "At the first sample, of" if law.is_multirate else "At a sample of"
+    return f"{which} {law.readings[0].name}; at the others alike, with what is read then and its gain:"
 
 
 def _choice(report: Report) -> tuple[Block, ...]:

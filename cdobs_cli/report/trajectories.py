@@ -4,7 +4,7 @@ with its proved envelope."""
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from cdobs_cli.sampling import SamplingLaw
 if TYPE_CHECKING:
     from cdobs_cli.coordinates import Coordinates
     from cdobs_cli.run import Run, Trajectory
+    from cdobs_cli.sensors import Sensor
 
 MAX_PANELS = 8
 MAX_RUNS = 20
@@ -45,7 +46,7 @@ def run_charts(
     charts = [states_chart(plant, run.trajectories[0], len(run.summaries), law)]
     if coordinates is not None and "x_hat" in run.trajectories[0].estimates:
         charts.append(typed_states_chart(coordinates, run.trajectories[0]))
-    error, intervals = error_chart(run, envelope), intervals_chart(run.trajectories[0])
+    error, intervals = error_chart(run, envelope), intervals_chart(run.trajectories[0], law)
     accuracy = None if run.comparison is None else accuracy_chart(plant, run, bounds or {})
     bands = bands_chart(plant, run, bounds or {})
     return (*charts, *(chart for chart in (error, bands, accuracy, intervals) if chart is not None))
@@ -54,26 +55,37 @@ def run_charts(
 def states_chart(plant: Plant, trajectory: Trajectory, runs: int = 1, law: SamplingLaw | None = None) -> Chart:
     """Each state with its estimate (or its band), and the measurements where an output is one state."""
     measured, lost = _measured_states(plant), lost_instants(trajectory, law)
-    panels = []
+    sensors = () if law is None else law.sensors
+    shown, panels = set[int](), []
     for j, name in enumerate(plant.states[:MAX_PANELS]):
         series = [Series("state", trajectory.t, trajectory.x[:, j], "line", "truth"), *_estimates(trajectory, j)]
-        if j in measured and len(trajectory.t_k):
-            k, scale = measured[j]
-            series.append(Series("measurement", trajectory.t_k, trajectory.y_k[:, k] / scale, "points", "measured"))
+        for k, scale in measured.get(j, ())[: None if sensors else 1] if len(trajectory.t_k) else ():
+            series.append(_samples(trajectory, k, sensors, scale))
+            shown.add(k)
             if len(lost):
                 missed = np.interp(lost, trajectory.t, trajectory.x[:, j])
                 series.append(Series("lost sample", lost, missed, "points", "refuted"))
         panels.append(Panel("time (s)", axis_name(name), tuple(series)))
-    caption = "Each state with its estimate; dots are measurements, at the instants they are taken."
-    if not measured and len(trajectory.t_k):
+    whose = ", each sensor's of their own" if sensors else ""
+    caption = f"Each state with its estimate; dots are measurements{whose}, at the instants they are taken."
+    if len(trajectory.t_k) and (sensors or not measured):
         for k in range(min(plant.p, MAX_PANELS)):
-            samples = Series("measurement", trajectory.t_k, trajectory.y_k[:, k], "points", "measured")
-            panels.append(Panel("time (s)", f"$y_{{{k + 1}}}$", (samples,)))
+            if k not in shown:
+                panels.append(Panel("time (s)", f"$y_{{{k + 1}}}$", (_samples(trajectory, k, sensors),)))
     if plant.n > MAX_PANELS:
         caption += f" The first {MAX_PANELS} of {plant.n} states are drawn."
     if runs > 1:
         caption += f" The first of {runs} runs."
     return Chart("states", "States and estimates", caption, tuple(panels))
+
+
+def _samples(trajectory: Trajectory, k: int, sensors: Sequence[Sensor], scale: float = 1.0) -> Series:
+    """Output k at the instants at which it is read, by the name of its sensor where there are several."""
+    for place, sensor in enumerate(sensors):
+        if k in sensor.outputs:
+            t, y = trajectory.read_by(sensor)
+            return Series(sensor.name, t, y[:, sensor.outputs.index(k)] / scale, "points", "measured", place=place)
+    return Series("measurement", trajectory.t_k, trajectory.y_k[:, k] / scale, "points", "measured")
 
 
 def typed_states_chart(coordinates: Coordinates, trajectory: Trajectory) -> Chart:
@@ -98,13 +110,13 @@ def lost_instants(trajectory: Trajectory, law: SamplingLaw | None) -> Any:
     return np.concatenate([t + h * np.arange(1, gap) for t, gap in zip(t_k, gaps, strict=False)])
 
 
-def _measured_states(plant: Plant) -> dict[int, tuple[int, float]]:
-    """State -> (output, factor) for outputs that are a multiple of one state."""
-    measured: dict[int, tuple[int, float]] = {}
+def _measured_states(plant: Plant) -> dict[int, list[tuple[int, float]]]:
+    """State -> [(output, factor)] for outputs that are a multiple of one state."""
+    measured: dict[int, list[tuple[int, float]]] = {}
     for k in range(plant.p if plant.h is None else 0):
         used = [(j, value) for j in range(plant.n) if (value := float(plant.C[k, j])) != 0]
         if len(used) == 1:
-            measured.setdefault(used[0][0], (k, used[0][1]))
+            measured.setdefault(used[0][0], []).append((k, used[0][1]))
     return measured
 
 
@@ -219,9 +231,11 @@ def _largest(t: Any, error: Any) -> float:
     return float(np.abs(late[np.isfinite(late)]).max(initial=0.0))
 
 
-def intervals_chart(trajectory: Trajectory) -> Chart | None:
-    """The time from each sample to the next; None where it is constant."""
+def intervals_chart(trajectory: Trajectory, law: SamplingLaw | None = None) -> Chart | None:
+    """The time from each sample to the next; None where it is constant, or of several sensors."""
     periods = np.diff(trajectory.t_k)
+    if law is not None and law.has_sensors:  # the sensors' own samples are drawn
+        return None
     if len(periods) < 2 or float(np.ptp(periods)) <= 1e-9 * float(np.max(np.abs(periods))):
         return None
     kind: SeriesKind = "stems" if len(periods) <= MAX_STEMS else "line"

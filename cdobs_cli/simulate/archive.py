@@ -2,9 +2,11 @@
 
 Keys: t, x, one per estimate (x_hat, or x_lower and x_upper), t_k, y_k, `input.<name>`, `internal.<name>`;
 all runs one after the other, run r in [offsets[r], offsets[r + 1]) of what is over t and
-[sample_offsets[r], sample_offsets[r + 1]) of t_k and y_k; `stopped`, one text a run, empty where none; where a filter
-was run beside, `filter.t` and `filter.error`, its error in run 0. Of many runs those that are shown stand there, and
-`bands.t` (G,), `bands.levels` (Q,), `bands.of.<state>` (Q, G), percentiles of the errors of all.
+[sample_offsets[r], sample_offsets[r + 1]) of t_k and y_k; `stopped`, one text a run, empty where none. y_k is NaN where
+an output is not read; of sensors with periods of their own what each has read stands by itself too, `t_k.<sensor>`,
+`y_k.<sensor>` and `sample_offsets.<sensor>`. Where a filter was run beside, `filter.t` and `filter.error`, its error in
+run 0. Of many runs those that are shown stand there, and `bands.t` (G,), `bands.levels` (Q,), `bands.of.<state>`
+(Q, G), percentiles of the errors of all.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from __future__ import annotations
 import io
 import math
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,15 +24,17 @@ from numpy.typing import NDArray
 from cdobs_cli.codec import read
 from cdobs_cli.errors import ArtefactError
 from cdobs_cli.run import Bands, Comparison, Ensemble, Filtered, Run, RunSummary, Trajectory
+from cdobs_cli.sensors import Sensor
 
 MAX_BYTES = 2**30
 ON_GRID, AT_SAMPLES, PER_RUN = ("t", "x"), ("t_k", "y_k"), ("offsets", "sample_offsets", "stopped")
 OF_FILTER = ("filter.t", "filter.error")
 OF_BANDS, OF_STATE = ("bands.t", "bands.levels"), "bands.of."
+OF_SENSOR = ("t_k.", "y_k.", "sample_offsets.")
 
 
-def arrays(run: Run) -> dict[str, NDArray[Any]]:
-    """Every array of a run, by key."""
+def arrays(run: Run, sensors: Sequence[Sensor] = ()) -> dict[str, NDArray[Any]]:
+    """Every array of a run, by key; sensors: those that are not all read at each sample."""
     every = run.trajectories
     named = [
         {"t": one.t, "x": one.x, "t_k": one.t_k, "y_k": one.y_k, **one.estimates}
@@ -53,12 +57,21 @@ def arrays(run: Run) -> dict[str, NDArray[Any]]:
             "sample_offsets": np.cumsum([0, *(len(one.t_k) for one in every)], dtype=np.int64),
             "stopped": np.array([one.stopped or "" for one in every]),
         }
+        | {key: array for sensor in sensors for key, array in _of_sensor(sensor, every).items()}
     )
 
 
-def to_bytes(run: Run) -> bytes:
+def _of_sensor(sensor: Sensor, every: Sequence[Trajectory]) -> dict[str, NDArray[Any]]:
+    """When a sensor was read, and what it said, all runs one after the other."""
+    read_at = [one.read_by(sensor) for one in every]
+    t_k, y_k = (np.concatenate(parts) for parts in zip(*read_at, strict=True))
+    offsets = np.cumsum([0, *(len(t) for t, _ in read_at)], dtype=np.int64)
+    return dict(zip((head + sensor.name for head in OF_SENSOR), (t_k, y_k, offsets), strict=True))
+
+
+def to_bytes(run: Run, sensors: Sequence[Sensor] = ()) -> bytes:
     """`simulation.npz`; the same run gives the same bytes."""
-    return packed(arrays(run))
+    return packed(arrays(run, sensors))
 
 
 def packed(content: Mapping[str, NDArray[Any]]) -> bytes:
@@ -108,7 +121,7 @@ def _array(content: bytes) -> NDArray[Any]:
 
 def _run(stored: Mapping[str, NDArray[Any]], document: Mapping[str, Any]) -> Run:
     known = (*ON_GRID, *AT_SAMPLES, *PER_RUN, *OF_FILTER, *OF_BANDS)
-    names = [name for name in stored if name not in known and not name.startswith(OF_STATE)]
+    names = [name for name in stored if name not in known and not name.startswith((OF_STATE, *OF_SENSOR))]
     estimates = [name for name in names if not name.startswith(("input.", "internal."))]
     inputs = [name.removeprefix("input.") for name in names if name.startswith("input.")]
     internals = [name.removeprefix("internal.") for name in names if name.startswith("internal.")]

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from fractions import Fraction
+from itertools import pairwise
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo
 
 from cdobs_cli.errors import Problem
-from cdobs_cli.exact.expression import ZERO, Expression, Variable
-from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
+from cdobs_cli.exact.expression import ZERO, Expression, ExpressionError, Variable
+from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix, decimal_text
 from cdobs_cli.fields import NonNegativeNumber, PositiveNumber, Rows, formula, sized, wrong
 from cdobs_cli.graph import MAX_NODES, graph
 from cdobs_cli.plant import weighted
 from cdobs_cli.sampling import share_of
 from cdobs_cli.sensors import MAX_LOST, MAX_PHASES, MAX_SENSORS, Sensor, hyperperiod, is_bounded
 from cdobs_cli.spec.block import Block, Name
-from cdobs_cli.spec.boxes import MAX_STATES, shape_problem
+from cdobs_cli.spec.boxes import MAX_STATES, ordered, shape_problem
 from cdobs_cli.spec.noise_block import NoiseBlock, noise_problems
 from cdobs_cli.spec.reader import FieldPath
 
@@ -60,6 +62,13 @@ class SensorBlock(Block):
     noise: Annotated[NoiseBlock | None, Field(description="Of its outputs; none where left out.")] = None
 
     @property
+    def is_reversed(self) -> bool:
+        """Whether its least period is above its longest."""
+        if self.min_period is None or self.max_period is None:
+            return False
+        return not ordered(self.min_period, self.max_period)
+
+    @property
     def most_lost(self) -> int:
         """In a row."""
         return 0 if self.lost is None else self.lost.at_most or 0
@@ -70,6 +79,11 @@ class SensorBlock(Block):
         if self.max_period is not None:
             return self.max_period
         return None if self.period is None else self.period * Exact(self.most_lost + 1)
+
+    @property
+    def has_times(self) -> bool:
+        """A period, or both ends of one."""
+        return (self.period is None) != (self.max_period is None or self.min_period is None)
 
     @property
     def first(self) -> Exact:
@@ -108,7 +122,9 @@ SensorsField = Annotated[dict[Name, SensorBlock], BeforeValidator(_named)]
 
 
 def one_law(value: Any, info: ValidationInfo) -> Any:
-    """A list of sampling laws is refused, and shown as sensors."""
+    """A list of sampling laws is refused, and shown as sensors; a list of instants, and shown as an interval."""
+    if isinstance(value, dict) and "times" in value:
+        raise _listed(value["times"])
     if not isinstance(value, list):
         return value
     C = info.data.get("C")
@@ -116,6 +132,28 @@ def one_law(value: Any, info: ValidationInfo) -> Any:
     sensors = [_rewritten(k, {"C": [rows[k]], "sampling": law}) for k, law in enumerate(value)]
     what = "one law for all outputs is expected; outputs with periods of their own are sensors"
     raise wrong(what, f"write, for C and sampling, sensors: {{{', '.join(sensors)}}}")
+
+
+def _listed(times: Any) -> Exception:
+    """The error of instants one by one: what is proved is proved of a law."""
+    ends = _gap_ends(times)
+    low, high = ("..", "..") if ends is None else (decimal_text(end, 9) for end in ends)
+    what = "a law of all instants is expected, not some of them"
+    interval = f"write sampling: {{min_period: {low}, max_period: {high}}}, which holds all times with such gaps"
+    shown = "and give those to be simulated by simulation.sampling_times, an expression of t_k"
+    return wrong(what, f"{interval}, {shown}; a pattern that repeats is one of sensors with offsets")
+
+
+def _gap_ends(times: Any) -> tuple[Fraction, Fraction] | None:
+    """The shortest and the longest gap of a list of rising numbers; None of anything else."""
+    if not isinstance(times, list) or not all(isinstance(one, str | int | float) for one in times):
+        return None
+    try:
+        known = [Exact(str(one)).rational for one in times[:1000]]
+    except (ExpressionError, ValueError):
+        return None
+    gaps = [b - a for a, b in pairwise(known) if a is not None and b is not None]
+    return (min(gaps), max(gaps)) if gaps and len(gaps) == len(known) - 1 and min(gaps) > 0 else None
 
 
 def sensor_problems(
@@ -130,7 +168,7 @@ def sensor_problems(
     if rows > MAX_STATES:
         yield Problem(AT, f"at most {MAX_STATES} outputs are taken", str(rows))
     yield from _noise_kinds(sensors)
-    if sensors and all((one.period is None) != (one.max_period is None) for one in sensors.values()):
+    if sensors and all(one.has_times for one in sensors.values()):
         yield from _schedule_problems(sensors)
 
 
@@ -162,7 +200,7 @@ def _problems_of_times(sensor: SensorBlock, at: FieldPath) -> Iterator[Problem]:
         if sensor.min_period is None:
             what, hint = "is required of a sensor among others", "the least time between two of its samples, above 0"
             yield Problem((*at, "min_period"), what, hint=hint)
-        elif (sensor.max_period - sensor.min_period).sign() == -1:
+        elif sensor.is_reversed:
             what = "min_period is above max_period"
             yield Problem((*at, "min_period"), what, str(sensor.min_period), f"at most {sensor.max_period}")
         if sensor.offset is not None:
@@ -207,7 +245,12 @@ def _schedule_problems(sensors: Mapping[str, SensorBlock]) -> Iterator[Problem]:
         what = f"is no rational multiple of the shortest period, {base}"
         hint = "write periods and offsets in proportion, such as 0.1, 0.25 and 0.4, or min_period and max_period"
         yield Problem(at, what, str(time), hint=hint)
-    if odd:
+    free = any(sensor.max_period is not None for sensor in sensors.values())
+    for name, sensor in sensors.items():
+        if free and sensor.offset is not None and sensor.max_period is None:
+            what, hint = "goes with sensors that all have a period", "where others keep no step leave it out"
+            yield Problem((*AT, name, "offset"), what, str(sensor.offset), hint=hint)
+    if odd or any(sensor.is_reversed for sensor in sensors.values()):
         return
     listed = schedule(sensors)
     if not any(sensor.is_free for sensor in listed) and not any(sensor.offset == 0 for sensor in listed):
