@@ -14,7 +14,7 @@ from cdobs_cli.report.numbers import NOTHING
 from cdobs_cli.report.sections import sections
 from cdobs_cli.report.status import STATUS_CLASSES, SYMBOLS, status_badge
 from cdobs_cli.report.style import page
-from cdobs_cli.report.text import bracket_sentence
+from cdobs_cli.report.verdict import is_expected, verdict_text, words
 
 _NUMBER = re.compile(r"[−-]?[\d.]+(e-?\d+)?|∞|–")
 
@@ -29,12 +29,12 @@ def html_page(report: Report, pictures: Mapping[str, bytes]) -> str:
 
 
 def _headline(report: Report) -> str:
-    lines = [f'<p class="verdict">{SYMBOLS[report.verdict]} {escape(report.verdict)}</p>']
-    lines.append(f"<p>{escape(report.sentence)}</p>")
-    if bracket := bracket_sentence(report):
-        lines.append(f"<p><strong>{escape(bracket)}</strong></p>")
-    lines += [f'<p class="soft">Condition: {escape(condition)}</p>' for condition in report.conditions]
-    return f'<div class="headline {STATUS_CLASSES.get(report.verdict, "")}">{"".join(lines)}</div>'
+    lines = [f'<p class="verdict">{SYMBOLS[report.verdict]} {escape(verdict_text(report))}</p>']
+    first, *further = words(report)
+    lines.append(f"<p><strong>{escape(first)}</strong></p>")
+    lines += [f"<p>{escape(sentence)}</p>" for sentence in further]
+    kind = "expected" if is_expected(report) else STATUS_CLASSES.get(report.verdict, "")
+    return f'<div class="headline {kind}">{"".join(lines)}</div>'
 
 
 def _block(block: Block, pictures: Mapping[str, bytes]) -> str:

@@ -16,6 +16,7 @@ from cdobs_cli.report.model import Report, bound_title
 from cdobs_cli.report.numbers import bracket_text, float_or_none
 from cdobs_cli.report.status import status_badge
 from cdobs_cli.report.style import page
+from cdobs_cli.report.verdict import is_expected
 
 # Worst first: what needs a look stands on top when sorted.
 _RANK = {"failed": 0, "invalid": 1, "refuted": 2, "no design found": 3, "undecided": 4, "not checked": 5, "proved": 6}
@@ -28,7 +29,8 @@ class IndexEntry:
 
     verdict: proved, refuted, undecided, `no design found`, `not checked`, or `invalid` and `failed` where there is no
     report. link, figure: paths of the report and of a small picture, relative to the page. holds: whether what the
-    spec expects came out (the exit code's question); message: what to know where it did not.
+    spec expects came out (the exit code's question); message: what to know where it did not; expected: whether a
+    verdict other than proved is what the spec expects.
     """
 
     name: str
@@ -41,6 +43,7 @@ class IndexEntry:
     figure: str | None = None
     holds: bool | None = None
     message: str = ""
+    expected: bool = False
 
     @staticmethod
     def of(report: Report, folder: str, pictures: Sequence[str]) -> IndexEntry:
@@ -53,7 +56,7 @@ class IndexEntry:
             report.name, report.title, report.verdict, report.design.family, name, bound,
             f"{folder}/report.html", f"{folder}/figures/{figure}.svg" if figure else None,
             not failed if report.expectations else report.status == "proved",
-            "; ".join(failed) or (report.sentence if report.design.outcome == "none" else ""),
+            "; ".join(failed) or (report.sentence if report.design.outcome == "none" else ""), is_expected(report),
         )  # fmt: skip
 
 
@@ -88,7 +91,7 @@ def _row(entry: IndexEntry) -> str:
     cells = (
         (entry.name, f'{link}<br><span class="soft">{escape(entry.name)}</span>{message}'),
         (None, escape(entry.family.replace("_", " "))),
-        (_RANK.get(entry.verdict, 9), status_badge(entry.verdict)),
+        (_RANK.get(entry.verdict, 9), status_badge(entry.verdict, expected=entry.expected)),
         ("" if entry.holds is None else int(entry.holds), expected),
         ("" if proved is None else repr(min(proved, 1e308)), _bracket(entry)),
         (None, picture),

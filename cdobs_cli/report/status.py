@@ -12,7 +12,8 @@ STATUS_CLASSES = {
 }  # fmt: skip
 
 
-def status_badge(status: str) -> str:
-    """A status as symbol and word; the colour only repeats them."""
-    symbol = SYMBOLS.get(status, "·")
-    return f'<span class="status {STATUS_CLASSES.get(status, "")}">{symbol} {escape(status)}</span>'
+def status_badge(status: str, *, expected: bool = False) -> str:
+    """A status as symbol and word; the colour only repeats them: none where the status is what was expected."""
+    symbol, told = SYMBOLS.get(status, "·"), f"{status}, as expected" if expected else status
+    kind = "expected" if expected else STATUS_CLASSES.get(status, "")
+    return f'<span class="status {kind}">{symbol} {escape(told)}</span>'

@@ -8,6 +8,7 @@ from cdobs_cli.certificate import Bound, Status
 from cdobs_cli.labels import OF_STATES
 from cdobs_cli.report.model import Report
 from cdobs_cli.report.numbers import ends_text, margin_text, unit_text
+from cdobs_cli.report.verdict import verdict_text, words
 
 MAX_LISTED = 12
 
@@ -24,9 +25,9 @@ def ends_sentence(bound: Bound) -> str:
 
 
 def summary_lines(report: Report) -> list[str]:
-    """A few plain lines: verdict, law, bracket, what failed. Status words stand first, so that a terminal can
-    colour them."""
-    lines = [f"{report.name}: {report.verdict}", f"  {' '.join(report.sentence.split())}"]
+    """A few plain lines: the verdict in words, then law, brackets, what failed. Status words stand first, so that a
+    terminal can colour them."""
+    lines = [f"{report.name}: {verdict_text(report)}", *(f"  {sentence}" for sentence in words(report))]
     for one in report.design.choice:
         if one["family"] == report.design.family:
             lines.append(f"  family: {one['family']} ({one['why']})")
@@ -37,7 +38,6 @@ def summary_lines(report: Report) -> list[str]:
         ):
             method = f" (by {bound.method})" if bound.method else ""
             lines.append(f"  {name}: {ends_sentence(bound)}{method}")
-    lines += [f"  condition: {condition}" for condition in report.conditions]
     lines += _claim_lines(report)
     lines += [
         f"  {'holds' if holds else 'fails'} expect {what}: {value}"
@@ -50,9 +50,9 @@ def summary_lines(report: Report) -> list[str]:
 def headline(report: Report) -> str:
     """One line: the verdict, and the bracket where one is known."""
     if report.headline_bound is None:
-        return report.verdict
+        return verdict_text(report)
     name, bound = report.headline_bound
-    return f"{report.verdict}; {name}: {ends_sentence(bound)}"
+    return f"{verdict_text(report)}; {name}: {ends_sentence(bound)}"
 
 
 def _claim_lines(report: Report) -> list[str]:

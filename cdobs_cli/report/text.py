@@ -7,34 +7,21 @@ import re
 from cdobs_cli import printable
 from cdobs_cli.report.blocks import Block, Bullets, Cell, Code, Grid, Listing, Mark, Mathematics, Paragraph, Picture
 from cdobs_cli.report.equations import latex_block
-from cdobs_cli.report.model import Report, bound_title
-from cdobs_cli.report.numbers import about_text
+from cdobs_cli.report.model import Report
 from cdobs_cli.report.sections import sections
 from cdobs_cli.report.status import SYMBOLS
-from cdobs_cli.report.summary import ends_sentence
+from cdobs_cli.report.verdict import verdict_text, words
 
 
 def markdown(report: Report) -> str:
     """The report as Markdown, with figures beside it in `figures/`."""
-    parts = [f"# {escape(report.title)}", f"**{SYMBOLS[report.verdict]} {report.verdict}**: {escape(report.sentence)}"]
-    if bracket := bracket_sentence(report):
-        parts.append(escape(bracket))
-    if report.conditions:
-        parts.append("Conditions:\n\n" + "\n".join(f"- {escape(condition)}" for condition in report.conditions))
+    first, *further = words(report)
+    parts = [f"# {escape(report.title)}", f"**{SYMBOLS[report.verdict]} {verdict_text(report)}**: {escape(first)}"]
+    parts += map(escape, further)
     for section in sections(report):
         parts.append(f"## {section.title}")
         parts += [_block(block) for block in section.blocks]
     return printable.page("\n\n".join(parts) + "\n")
-
-
-def bracket_sentence(report: Report) -> str:
-    """The headline's bracket in a sentence; empty where nothing is known."""
-    if report.headline_bound is None:
-        return ""
-    name, bound = report.headline_bound
-    told = bound.about is None or bound.about in bound_title(name)
-    about = "" if told else f" (about {about_text(bound)})"
-    return f"{bound_title(name)}: {ends_sentence(bound)}{about}."
 
 
 def escape(text: str) -> str:
