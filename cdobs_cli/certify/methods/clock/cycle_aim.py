@@ -94,7 +94,8 @@ class AimedSearch(CycleSearch):
     def _blocks(self, jumps: list[list[Array]]) -> Iterator[Block]:
         yield from super()._blocks(jumps)
         for gain in self.gains:
-            yield from ((self._noisy(gain, q), self.N + self.noise[q].shape[1]) for q in gain.readings)
+            noisy = [q for q in gain.readings if self.noise[q].shape[1]]
+            yield from ((self._noisy(gain, q), self.N + self.noise[q].shape[1]) for q in noisy)
 
     def _static(self, jumps: list[list[Array]]) -> Any:
         """With P above the floor, coefficient by coefficient."""
