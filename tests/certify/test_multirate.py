@@ -19,8 +19,8 @@ from cdobs_cli.certify import search
 from cdobs_cli.certify.falsify import Arc, Word, prove, refute, refutes
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.certificate import Clock, design_impulsive
-from cdobs_cli.certify.methods.clock.cycle import ClockGraph
-from cdobs_cli.certify.methods.clock.cycle_design import CycleGain, design_cycle
+from cdobs_cli.certify.methods.clock.graph import ClockGraph
+from cdobs_cli.certify.methods.clock.graph_design import GraphGain, design_graph
 from cdobs_cli.certify.methods.common_quadratic import CommonQuadratic
 from cdobs_cli.certify.methods.counterexample import Counterexample
 from cdobs_cli.certify.methods.dead_beat import DeadBeat
@@ -184,7 +184,7 @@ def test_a_plant_that_no_gain_observes_is_never_proved() -> None:
     zero = [[0] * 3 for _ in range(3)]
     hidden = plant([[0, 1, 0], [-1, 0, 0], [0, 0, "0.5"]], zero, zero, [[1, 0, 0], [0, 1, 0]], doubled("0.2"))
     question = without_gain(hidden)
-    assert design_cycle(question) is None
+    assert design_graph(question) is None
     rng = np.random.default_rng(0)
     for _ in range(5):
         own = question.with_gain({"K": ExactMatrix.from_floats(rng.standard_normal(hidden.gain_shape), 4)})
@@ -212,7 +212,7 @@ def test_two_pendulums(scheme: SamplingLaw, longest_of_a: int, least: float) -> 
     at 1.31. Form W of `by_phase` and `by_sensor` (each set is read once a hyperperiod), form S and what is alike of W
     of `one`."""
     question = without_gain(pendulums(scheme))
-    met = CycleGain().longest(question)
+    met = GraphGain().longest(question)
     assert met is not None and met.method is not None
     period, closed = float(met.law.period), question.under(met.law).with_gain({"K": met.gain})
     assert period * longest_of_a > least and met.method.prove(closed).holds
@@ -237,7 +237,7 @@ def test_read_together_is_the_simple_case() -> None:
 
 def staggered_pendulums() -> tuple[Question, ClockGraph]:
     question = without_gain(pendulums(staggered("1.5")))
-    met = design_cycle(question)
+    met = design_graph(question)
     assert met is not None and isinstance(met[1], ClockGraph)
     return question.with_gain({"K": met[0]}), met[1]
 
