@@ -5,8 +5,8 @@ as in the certificate over a timed graph,
 
     minimise  sum_q tr(L_q' K_q' P_q(0) K_q L_q) + integral of tr(P Q)    over all samples and nodes
 
-with  Pdot + P A_v + A_v' P + 2 sigma P < -Z  (the mean over time of E e'Z e of sensors in step is at most that sum over a hyperperiod),
-or with  P > z z'  (|z'e|^2 <= V). Where gains are looked for the first sum is one of tr X_q,
+with  Pdot + P A_v + A_v' P + 2 sigma P < -Z  (of sensors in step the mean over time of E e'Z e is at most that sum over
+a hyperperiod), or with  P > z z'  (|z'e|^2 <= V). Where gains are looked for the first sum is one of tr X_q,
 
     [[X_q, L_q' W'], [., P_q(0)]] > 0,    of a shared gain    [[X_q, L_q' W'], [., G + G' - P_q(0)]] > 0.
 """
