@@ -13,7 +13,7 @@ from cdobs_cli.certificate import ERROR_BOUNDED, Bound, Claim, Witness, status_o
 from cdobs_cli.certify.gains import Merit
 from cdobs_cli.certify.levels import Level
 from cdobs_cli.certify.methods.base import UNREADABLE, Method, Proof, Question, Reach
-from cdobs_cli.certify.methods.clock.cycle_size import CycleMeanSquare, CyclePeak
+from cdobs_cli.certify.methods.clock.graph_size import GraphMeanSquare, GraphPeak
 from cdobs_cli.certify.methods.counterexample import Attained
 from cdobs_cli.certify.methods.mean_square.average import Average
 from cdobs_cli.certify.methods.mean_square.every_time import EveryTime
@@ -27,8 +27,8 @@ from cdobs_cli.plant import Box, Plant
 REACHES: tuple[Reach, ...] = ("error bound", "mean square", "error attained")
 # By the question: of each name one is kept, that of the least bound.
 METHODS: tuple[type[Method], ...] = (
-    Peak, PeakFromZero, Average, EveryTime, MeanSquareFromZero, PeakResponse, MeanSquareResponse, CyclePeak,
-    CycleMeanSquare,
+    Peak, PeakFromZero, Average, EveryTime, MeanSquareFromZero, PeakResponse, MeanSquareResponse, GraphPeak,
+    GraphMeanSquare,
 )  # fmt: skip
 Transient = Callable[[Box], tuple[arb, ...]]
 _DIGITS = 6

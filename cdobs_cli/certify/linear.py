@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -23,8 +23,11 @@ from cdobs_cli.exact.numbers import Exact, decimal_text
 from cdobs_cli.hybrid import HybridInclusion
 from cdobs_cli.sampling import SamplingLaw
 
+if TYPE_CHECKING:
+    from cdobs_cli.arrays import Array
+
 M_ = TypeVar("M_")
-_POINTS = 1500
+_POINTS, _AT_ONCE = 1500, 50
 _CELLS, _FEW = 4000, 400
 _NARROWEST = Fraction(1, 10**12)
 _CLOSE = (Fraction(1, 10**6), Fraction(1, 10**4), Fraction(1, 100))
@@ -105,13 +108,17 @@ def _candidates(inclusion: HybridInclusion, shortest: float, longest: float) -> 
         return []
     lengths, which = np.unique(gaps, return_inverse=True)
 
-    def stable(T: float) -> bool:
+    def are_stable(T: Array) -> Array:
         with np.errstate(all="ignore"):
-            Phi = exponentials(base * (lengths * T)[:, None, None])
-            return float(spectral_radii(product(Phi[which], jumps)[None])[0]) < 1
+            times = (T[:, None] * lengths).ravel()
+            Phi = exponentials(base * times[:, None, None]).reshape(len(T), len(lengths), *base.shape)
+            return np.asarray(spectral_radii(product((Phi[:, k] for k in which), jumps)) < 1)
+
+    def stable(T: float) -> bool:
+        return bool(are_stable(np.array([T]))[0])
 
     grid = np.unique(np.concatenate([np.linspace(shortest, longest, _POINTS), np.geomspace(shortest, longest, 300)]))
-    inside = np.array([stable(T) for T in grid])
+    inside = np.concatenate([are_stable(some) for some in np.array_split(grid, len(grid) // _AT_ONCE + 1)])
     first = np.flatnonzero(inside & ~np.concatenate([[False], inside[:-1]]))
     last = np.flatnonzero(inside & ~np.concatenate([inside[1:], [False]]))
     return [

@@ -17,9 +17,9 @@ from scipy.linalg import expm
 from cdobs_cli.certificate import Witness
 from cdobs_cli.certify.falsify import Word, prove, refute, refutes
 from cdobs_cli.certify.methods.base import Question
-from cdobs_cli.certify.methods.clock.cycle import ClockGraph
-from cdobs_cli.certify.methods.clock.cycle_design import CycleGain, design_cycle
-from cdobs_cli.certify.methods.clock.cycle_size import CyclePeak, sums
+from cdobs_cli.certify.methods.clock.graph import ClockGraph
+from cdobs_cli.certify.methods.clock.graph_design import GraphGain, design_graph
+from cdobs_cli.certify.methods.clock.graph_size import GraphPeak, sums
 from cdobs_cli.certify.methods.counterexample import Counterexample
 from cdobs_cli.certify.walks import walks
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
@@ -159,9 +159,9 @@ def test_what_the_law_holds() -> None:
 def test_gains_by_elapsed_time_bear_longer_gaps() -> None:
     """Three integrators in a row, |slope| <= 1: (m + 1) h = 1.34 with one gain, at least 1.5 with gains by what was
     lost."""
-    met = CycleGain().longest(without_gain(canonical([1, 0, 0], lossy("0.37", 3))))
+    met = GraphGain().longest(without_gain(canonical([1, 0, 0], lossy("0.37", 3))))
     assert met is not None and float(met.law.period) * 4 >= 1.5
-    one = design_cycle(without_gain(canonical([1, 0, 0], lossy("0.335", 3, "one"))))
+    one = design_graph(without_gain(canonical([1, 0, 0], lossy("0.335", 3, "one"))))
     assert one is not None
 
 
@@ -169,7 +169,7 @@ def test_sensors_out_of_step() -> None:
     """The pair of the note: at least 5.4 for the longest period of the slower one, with gains by age; some word refutes
     the gain further on."""
     question = without_gain(rotor(apart("1.62")))
-    met = design_cycle(question)
+    met = design_graph(question)
     assert met is not None and float(question.law.T_max) * 10 / 3 >= 5.4
     closed = question.with_gain({"K": met[0]})
     assert met[1].prove(closed).holds and refute(closed.inclusion, 1) is None
@@ -204,7 +204,7 @@ def test_nothing_proved_is_refuted_and_no_run_rises() -> None:
     proved = 0
     for seed in range(GRAPHS):
         question, rng = random_case(seed)
-        met = design_cycle(question.with_effort(0))
+        met = design_graph(question.with_effort(0))
         if met is None or not isinstance(met[1], ClockGraph):
             continue
         proved += 1
@@ -243,7 +243,7 @@ def falls_along_runs(closed: Question, certificate: ClockGraph, rng: np.random.G
 
 def test_certificates_that_nobody_wrote_prove_nothing() -> None:
     question = without_gain(rotor(apart("1.2")))
-    met = design_cycle(question)
+    met = design_graph(question)
     assert met is not None and isinstance(met[1], ClockGraph)
     K, certificate = met
     closed = question.with_gain({"K": K})
@@ -385,12 +385,12 @@ def test_bounds_of_errors_hold_along_the_worst_signals() -> None:
     rows, columns = made_of.gain_shape
     start = impulsive(made_of, [["0"] * columns] * rows)
     question = Question(replace(start, assemble_noise=corrected_copy_noise), effort=1)
-    met = design_cycle(question.with_rate(F(1, 5)))
+    met = design_graph(question.with_rate(F(1, 5)))
     assert met is not None
     closed = question.with_gain({"K": met[0]})
     bounds = []
     for i in range(2):
-        bound = CyclePeak.propose(closed.of_state(i))
+        bound = GraphPeak.propose(closed.of_state(i))
         assert bound is not None
         error = bound.prove(closed.of_state(i)).error
         assert error is not None

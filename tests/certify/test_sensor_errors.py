@@ -13,7 +13,7 @@ from scipy.linalg import expm, solve_discrete_lyapunov
 
 from cdobs_cli.certify.accuracy import sized
 from cdobs_cli.certify.methods.base import Question
-from cdobs_cli.certify.methods.clock.cycle_size import CycleMeanSquare, CyclePeak
+from cdobs_cli.certify.methods.clock.graph_size import GraphMeanSquare, GraphPeak
 from cdobs_cli.certify.methods.response import MeanSquareResponse, PeakResponse, error_sizes
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.hybrid import corrected_copy_noise
@@ -173,7 +173,7 @@ def test_bounded_and_white_signals_add() -> None:
     )
 
 
-@pytest.mark.parametrize("kind", [PeakResponse, CyclePeak])
+@pytest.mark.parametrize("kind", [PeakResponse, GraphPeak])
 def test_runs_under_slopes_that_vary_stay_below_what_is_proved(kind: Any) -> None:
     """Of what is attained at one of the slopes, and of slopes that switch at random."""
     question = pendulum("-0.1", "0.1", noise=box("0.01", "0.02"), disturbance=box(0, "0.05"))
@@ -199,7 +199,7 @@ def test_runs_under_slopes_that_vary_stay_below_what_is_proved(kind: Any) -> Non
 
 def proposed(kind: Any, question: Question) -> Any:
     """What the method proves of the question, with nothing said of the response."""
-    if issubclass(kind, CyclePeak | CycleMeanSquare):
+    if issubclass(kind, GraphPeak | GraphMeanSquare):
         guesses = [kind._at(question.with_rate(F(sigma))) for sigma in ("0.1", "0.2", "0.4")]
         errors = [one.prove(question).error for one in guesses if one is not None]
     else:
@@ -213,8 +213,8 @@ def test_a_cycle_bounds_the_errors_of_a_linear_plant_from_above() -> None:
     """Of one quadratic function a sample: 7 to 18 times what is attained, in the mean square 3 to 8."""
     bounded, white = cart(**BOUNDED[1]), cart(**WHITE[1])
     for question, kind, exact, loose in (
-        (bounded, CyclePeak, largest_error(bounded), 20.0),
-        (white, CycleMeanSquare, root_mean_squares(white), 8.0),
+        (bounded, GraphPeak, largest_error(bounded), 20.0),
+        (white, GraphMeanSquare, root_mean_squares(white), 8.0),
     ):
         errors = np.array([float(proposed(kind, question.of_state(i))) for i in range(4)])
         print(errors / exact)
@@ -243,7 +243,7 @@ def test_slopes_that_vary_more_leave_more_open() -> None:
 
 def test_a_cycle_at_rate_0_or_of_another_state_bounds_nothing() -> None:
     question = pendulum("-0.3", "0.3", noise=box("0.01", "0.02"))
-    cycle = CyclePeak._at(question.of_state(0).with_rate(F(1, 10)))
+    cycle = GraphPeak._at(question.of_state(0).with_rate(F(1, 10)))
     assert cycle is not None and cycle.prove(question).error is not None
     for broken in ({"sigma": "0"}, {"sigma": "9"}, {"state": "2"}, {"state": "-1"}, {"P": cycle.P[:-1]}):
         assert not replace(cycle, **broken).prove(question).holds

@@ -13,7 +13,7 @@ from cdobs_cli.certify.linear import is_linear
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.clock import edges
 from cdobs_cli.certify.methods.clock.certificate import Clock
-from cdobs_cli.certify.methods.clock.cycle import ClockGraph
+from cdobs_cli.certify.methods.clock.graph import ClockGraph
 from cdobs_cli.certify.methods.common_quadratic import CommonQuadratic, is_linear_loop, longest_aperiodic
 from cdobs_cli.certify.methods.dead_beat import DeadBeat, resets
 from cdobs_cli.certify.methods.polygon import Polygon

@@ -12,8 +12,8 @@ from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify.gains import Candidate, GainSearch
 from cdobs_cli.certify.kernel import kernel
 from cdobs_cli.certify.methods.base import Method, Question
-from cdobs_cli.certify.methods.clock.cycle_design import CycleGain
 from cdobs_cli.certify.methods.clock.design import ImpulsiveGain
+from cdobs_cli.certify.methods.clock.graph_design import GraphGain
 from cdobs_cli.certify.methods.dead_beat import DeadBeat
 from cdobs_cli.certify.methods.planar import design as planar
 from cdobs_cli.certify.methods.planar.extremals import Planar
@@ -70,7 +70,7 @@ def gain_searches(family: Reachability, question: Question) -> Sequence[GainSear
     """The set first; where n = rank C a sample tells the state, and no other gain is needed. Of sensors with periods of
     their own the cycle alone."""
     if question.law.has_sensors:
-        return [CycleGain()]
+        return [GraphGain()]
     weighed = family.objective in ("given_period", "min_error") or family.error_at_most
     quiet = bool(weighed) and family.method != "set"
     if kernel(question.plant.C).dimension == 0 and ResetGain().at(question) is not None:

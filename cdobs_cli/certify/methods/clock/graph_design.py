@@ -1,4 +1,4 @@
-"""Gains for sensors with periods of their own, by the convex form of the certificate over a cycle."""
+"""Gains for sensors with periods of their own, by the convex form of the certificate over a timed graph."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from cdobs_cli.certify import search
 from cdobs_cli.certify.gains import Candidate, GainSearch, Merit
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.clock.certificate import GAIN_DIGITS
-from cdobs_cli.certify.methods.clock.cycle import ClockGraph, shapes
-from cdobs_cli.certify.methods.clock.cycle_aim import CycleAim, aimed
-from cdobs_cli.certify.methods.clock.cycle_search import free_gains, in_common, pose
 from cdobs_cli.certify.methods.clock.form import GraphShape
+from cdobs_cli.certify.methods.clock.graph import ClockGraph, shapes
+from cdobs_cli.certify.methods.clock.graph_aim import GraphAim, aimed
+from cdobs_cli.certify.methods.clock.graph_search import free_gains, in_common, pose
 from cdobs_cli.certify.methods.mean_square.aim import Aim
 from cdobs_cli.certify.methods.spectral import SpectralRadius
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
@@ -31,7 +31,7 @@ _PARTS = (Fraction(1, 4), Fraction(1, 2))
 _SLOW = 50  # longest periods in which the error falls to 1 % at least, where no disturbance keeps a gain from vanishing
 
 
-def design_cycle(question: Question, letter: str = "K") -> tuple[ExactMatrix, Method] | None:
+def design_graph(question: Question, letter: str = "K") -> tuple[ExactMatrix, Method] | None:
     """Gains of all samples side by side for the jumps e+ = (I - K_q C_q) e, with a proved certificate, or None.
 
     They come rounded to GAIN_DIGITS significant digits, and what is proved is about these. Uses the solver."""
@@ -68,7 +68,7 @@ def _certificate(closed: Question, shape: GraphShape) -> Method | None:
     return ClockGraph.guess(closed, shape) if ClockGraph.applies(closed) else None
 
 
-def quiet_cycle(question: Question, aim: CycleAim, letter: str = "K") -> tuple[ExactMatrix, Method] | None:
+def quiet_graph(question: Question, aim: GraphAim, letter: str = "K") -> tuple[ExactMatrix, Method] | None:
     """Gains that let least through, at the question's rate, rounded, with a certificate; or None. Uses the solver."""
     for shape in list(shapes(question))[-2:]:
         posed = aimed(question, shape, aim, given=False)
@@ -83,19 +83,19 @@ def quiet_cycle(question: Question, aim: CycleAim, letter: str = "K") -> tuple[E
     return None
 
 
-class CycleGain(GainSearch):
-    """K_q of e+ = (I - K_q C_q) e at the samples of a hyperperiod."""
+class GraphGain(GainSearch):
+    """K of e+ = (I - K C) e at what is read on each edge of a timed graph."""
 
     def at(self, question: Question) -> Candidate | None:
-        return Candidate.of(design_cycle(question.afresh()), 0.0)
+        return Candidate.of(design_graph(question.afresh()), 0.0)
 
     def longest(self, question: Question) -> Candidate | None:
         question = question.afresh()
         glance = question.with_effort(0)
         return Candidate.of(
             search.longest(
-                lambda T: design_cycle(question.at(T)), question.law.period, search.tolerance(question.effort),
-                glance=lambda T: design_cycle(glance.at(T)),
+                lambda T: design_graph(question.at(T)), question.law.period, search.tolerance(question.effort),
+                glance=lambda T: design_graph(glance.at(T)),
             )
         )  # fmt: skip
 
@@ -105,7 +105,7 @@ class CycleGain(GainSearch):
 
         def at_rate(sigma: Exact) -> Candidate | None:
             about = question.afresh().with_rate(sigma.rational or Fraction(0))
-            return Candidate.of(design_cycle(about), float(sigma))
+            return Candidate.of(design_graph(about), float(sigma))
 
         return search.longest(at_rate, first, _RATE_WIDTH, digits=_RATE_DIGITS) or self.at(question)
 
@@ -157,8 +157,8 @@ class CycleGain(GainSearch):
         return None if met is None else (met[0].rational or Fraction(0)) / 2
 
     def _at_rate(self, question: Question, sigma: Exact) -> Candidate | None:
-        return Candidate.of(design_cycle(question.with_rate(sigma.rational or Fraction(0))), 0.0)
+        return Candidate.of(design_graph(question.with_rate(sigma.rational or Fraction(0))), 0.0)
 
     def _quiet(self, question: Question, aim: Aim) -> Candidate | None:
-        of_flow = CycleAim(aim.R, aim.Q, aim.Z, np.zeros_like(aim.Z))
-        return Candidate.of(quiet_cycle(question.afresh(), of_flow), 0.0)
+        of_flow = GraphAim(aim.R, aim.Q, aim.Z, np.zeros_like(aim.Z))
+        return Candidate.of(quiet_graph(question.afresh(), of_flow), 0.0)

@@ -32,7 +32,7 @@ from flint import arb
 from cdobs_cli.certify import search
 from cdobs_cli.certify.methods.base import NOTHING, Proof, Question, Reach
 from cdobs_cli.certify.methods.clock.certificate import is_small, largest_states
-from cdobs_cli.certify.methods.clock.cycle import ClockGraph, shapes, unit
+from cdobs_cli.certify.methods.clock.graph import ClockGraph, shapes, unit
 from cdobs_cli.certify.methods.mean_square.signals import bounded_floats, noise_floats
 from cdobs_cli.certify.methods.peak.signals import acting, acting_sizes
 from cdobs_cli.certify.methods.peak.state import number_of
@@ -46,7 +46,7 @@ from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
-    from cdobs_cli.certify.methods.clock.cycle_aim import CycleAim
+    from cdobs_cli.certify.methods.clock.graph_aim import GraphAim
 
 _PARTS = (0.2, 0.4, 0.65)  # of the fastest rate
 _WIDTH = Fraction(1, 20)
@@ -56,8 +56,8 @@ _POLICIES, _SLACK = 200, 1e-9
 
 
 @dataclass(frozen=True)
-class CycleSize(ClockGraph):
-    """A certificate over a cycle at a rate above 0, and the state (its number) whose error it bounds."""
+class GraphSize(ClockGraph):
+    """A certificate over a timed graph at a rate above 0, and the state (its number) whose error it bounds."""
 
     state: str
 
@@ -104,7 +104,7 @@ class CycleSize(ClockGraph):
     @classmethod
     def _at(cls, question: Question) -> Self | None:
         """Of the first shape that gives one at the question's rate."""
-        from cdobs_cli.certify.methods.clock.cycle_aim import aimed
+        from cdobs_cli.certify.methods.clock.graph_aim import aimed
 
         aim = _aim(question)
         for shape in list(shapes(question))[-2:]:
@@ -194,10 +194,10 @@ def sums(count: int, links: Sequence[tuple[int, int, float]], added: Sequence[fl
 
 
 @dataclass(frozen=True)
-class CyclePeak(CycleSize):
+class GraphPeak(GraphSize):
     """Of bounded disturbance and noise."""
 
-    name: ClassVar[str] = "cycle_peak"
+    name: ClassVar[str] = "graph_peak"
     rung: ClassVar[str] = "peak"
     statement: ClassVar[str] = "The error stays bounded"
     reach: ClassVar[Reach] = "error bound"
@@ -211,10 +211,10 @@ class CyclePeak(CycleSize):
 
 
 @dataclass(frozen=True)
-class CycleMeanSquare(CycleSize):
+class GraphMeanSquare(GraphSize):
     """Where one of disturbance and noise is white, or both."""
 
-    name: ClassVar[str] = "cycle_mean_square"
+    name: ClassVar[str] = "graph_mean_square"
     rung: ClassVar[str] = "mean_square"
     statement: ClassVar[str] = "The mean square of the error stays bounded"
     reach: ClassVar[Reach] = "mean square"
@@ -240,10 +240,10 @@ def _rates(question: Question) -> list[Fraction]:
     return [search.short(fastest * part, 6).rational or Fraction(0) for part in _PARTS if fastest > 0]
 
 
-def _aim(question: Question) -> CycleAim:
+def _aim(question: Question) -> GraphAim:
     """The state, and second moments that stand for what is declared at this rate: of N samples in a unit of time
     bounded noise adds up to about N^2, and all of it over 1 / (sigma H) such units."""
-    from cdobs_cli.certify.methods.clock.cycle_aim import CycleAim
+    from cdobs_cli.certify.methods.clock.graph_aim import GraphAim
 
     plant, law = question.plant, question.law
     (R, Q), (v, d) = noise_floats(plant), bounded_floats(plant)
@@ -253,7 +253,7 @@ def _aim(question: Question) -> CycleAim:
     floor = np.zeros((plant.n, plant.n))
     floor[question.state, question.state] = 1.0
     bounded = count * turns**2 * np.diag(v**2), H * turns**2 * np.diag(d**2)
-    return CycleAim(R * turns / 2 + bounded[0], Q * turns / 2 + bounded[1], np.zeros_like(floor), floor)
+    return GraphAim(R * turns / 2 + bounded[0], Q * turns / 2 + bounded[1], np.zeros_like(floor), floor)
 
 
 def _gap(law: SamplingLaw) -> Fraction:

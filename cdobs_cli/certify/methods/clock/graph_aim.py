@@ -1,12 +1,12 @@
-"""Functions over a cycle that let as little noise and disturbance through as may be.
+"""Functions over a timed graph that let as little noise and disturbance through as may be.
 
 With L_q L_q' the second moment of the noise of what sample q reads, Q that of the disturbance per unit of time, and P_q
-as in the certificate over a cycle,
+as in the certificate over a timed graph,
 
-    minimise  sum_q tr(L_q' K_q' P_q(0) K_q L_q) + integral of tr(P Q)    over a hyperperiod
+    minimise  sum_q tr(L_q' K_q' P_q(0) K_q L_q) + integral of tr(P Q)    over all samples and nodes
 
-with  Pdot + P A_v + A_v' P + 2 sigma P < -Z  (the mean over time of E e'Z e is at most that sum over the hyperperiod),
-or with  P > z z'  (|z'e|^2 <= V). Where gains are looked for the first sum is one of tr X_q,
+with  Pdot + P A_v + A_v' P + 2 sigma P < -Z  (of sensors in step the mean over time of E e'Z e is at most that sum over
+a hyperperiod), or with  P > z z'  (|z'e|^2 <= V). Where gains are looked for the first sum is one of tr X_q,
 
     [[X_q, L_q' W'], [., P_q(0)]] > 0,    of a shared gain    [[X_q, L_q' W'], [., G + G' - P_q(0)]] > 0.
 """
@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cdobs_cli.certify.methods.base import Question
-from cdobs_cli.certify.methods.clock.cycle import unit
-from cdobs_cli.certify.methods.clock.cycle_search import Block, CycleSearch, FreeGain, Posed, Scaled, fields_of
 from cdobs_cli.certify.methods.clock.form import GraphShape
+from cdobs_cli.certify.methods.clock.graph import unit
+from cdobs_cli.certify.methods.clock.graph_search import Block, FreeGain, GraphSearch, Posed, Scaled, fields_of
 from cdobs_cli.certify.svec import full_basis, svec, symmetric_basis
 from cdobs_cli.sensors import Reading
 
@@ -33,7 +33,7 @@ _MARGIN = 1e-6  # of inequalities in which P is of size 1
 
 
 @dataclass(frozen=True)
-class CycleAim:
+class GraphAim:
     """In the plant's states and outputs: R (p, p) and Q (n, n); Z of the flow, or z z' that P is above, (n, n): one of
     them is 0."""
 
@@ -44,7 +44,7 @@ class CycleAim:
 
 
 @dataclass
-class AimedSearch(CycleSearch):
+class AimedSearch(GraphSearch):
     """Further attributes, in the coordinates of the search: noise, L_q of each sample; kicks, K_q L_q where gains are
     given; Q, Z, floor."""
 
@@ -94,7 +94,8 @@ class AimedSearch(CycleSearch):
     def _blocks(self, jumps: list[list[Array]]) -> Iterator[Block]:
         yield from super()._blocks(jumps)
         for gain in self.gains:
-            yield from ((self._noisy(gain, q), self.N + self.noise[q].shape[1]) for q in gain.readings)
+            noisy = [q for q in gain.readings if self.noise[q].shape[1]]
+            yield from ((self._noisy(gain, q), self.N + self.noise[q].shape[1]) for q in noisy)
 
     def _static(self, jumps: list[list[Array]]) -> Any:
         """With P above the floor, coefficient by coefficient."""
@@ -137,7 +138,7 @@ def _triangle(L: Array) -> int:
     return int(L.shape[1] * (L.shape[1] + 1) // 2)
 
 
-def aimed(question: Question, shape: GraphShape, aim: CycleAim, *, given: bool) -> Posed | None:
+def aimed(question: Question, shape: GraphShape, aim: GraphAim, *, given: bool) -> Posed | None:
     """The search for an aim; None as `pose`."""
     scaled = Scaled.of(question, given=given)
     if scaled is None:

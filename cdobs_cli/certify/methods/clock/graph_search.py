@@ -17,9 +17,9 @@ import numpy as np
 from cdobs_cli.certify.lmi import Cone
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.certificate import basis
-from cdobs_cli.certify.methods.clock.cycle import unit
 from cdobs_cli.certify.methods.clock.flow_search import FlowSearch, Outline, Solution, Static
 from cdobs_cli.certify.methods.clock.form import GraphShape, in_basis, jump_block, jump_gap, shared_block
+from cdobs_cli.certify.methods.clock.graph import unit
 from cdobs_cli.certify.svec import full_basis, svec
 from cdobs_cli.graph import Edge, Graph
 from cdobs_cli.hybrid import ErrorMaps
@@ -52,7 +52,7 @@ class FreeGain:
 
 
 @dataclass
-class CycleSearch(FlowSearch):
+class GraphSearch(FlowSearch):
     """Maps in scaled states and unit time, and the shape of the P_q.
 
     Attributes:
@@ -189,7 +189,7 @@ class CycleSearch(FlowSearch):
 class Posed(NamedTuple):
     """A problem as the search takes it: in the coordinates z, e = S z, and unit time."""
 
-    search: CycleSearch
+    search: GraphSearch
     maps: ErrorMaps[Array]
     jumps: list[list[Array]]
     S: list[list[Fraction]]
@@ -246,7 +246,7 @@ def pose(question: Question, shape: GraphShape, *, given: bool) -> Posed | None:
     scaled = Scaled.of(question, given=given)
     if scaled is None:
         return None
-    search = CycleSearch(**fields_of(question.law, shape, scaled))
+    search = GraphSearch(**fields_of(question.law, shape, scaled))
     search.cuts = question.memory.setdefault((shape, given), set())
     return Posed(search, scaled.flow, scaled.jumps, scaled.S)
 

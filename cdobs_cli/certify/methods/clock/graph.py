@@ -85,7 +85,7 @@ class ClockGraph(Method):
     @classmethod
     def guess(cls, question: Question, shape: GraphShape) -> Self | None:
         """What the solver proposes for this gain and shape: not proved."""
-        from cdobs_cli.certify.methods.clock.cycle_search import pose
+        from cdobs_cli.certify.methods.clock.graph_search import pose
 
         posed = pose(question, shape, given=True)
         solution = None if posed is None else posed.solve(question)
