@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from fractions import Fraction as F
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from cdobs_cli.plant import Box, Slopes
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.sensors import Gains, Sensor
 
+F = Fraction
 # x every 0.1, theta every 0.4, and gains of the theory: measurement schemes, (a).
 CART = [[0, 1, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1], [0, 0, "10/3", 0]]
 BOTH = [["1", "0"], ["5", "-.0816"], ["0", "1"], [".0178", "2.7949"]]
@@ -181,6 +182,18 @@ def test_gains_of_each_signal_are_no_less_than_they_are(signal: int, width: floa
     for turns in (1, 2, 8):
         most = loop.most(turns)
         assert most is not None and (np.array([float(one) for one in most[0]]) >= exact * (1 - 1e-9)).all()
+
+
+def test_what_acts_since_the_last_sample_counts() -> None:
+    """The first sample erases all error, the second corrects nothing: what is left came since the first."""
+    zero, C = [[0, 0], [0, 0]], [[1, 0], [0, 1], [1, 0]]
+    made = plant([[0, 1], [-4, "-0.2"]], zero, zero, C, law("0.4", ((0, 1), 1, 0), ((2,), 1, "1/2")))
+    question = noisy(Question(impulsive(made, [[1, 0, 0], [0, 1, 0]])), disturbance=box(0, 1))
+    loop = Loop.of(question.inclusion, 3.0, 10**6)
+    most = None if loop is None else loop.most(1)
+    assert most is not None
+    exact = largest_error(question)
+    assert (np.array([float(one) for one in most[0]]) >= exact).all() and (most[1].floats[:, 1] >= exact).all()
 
 
 @pytest.mark.parametrize("h", [0.1, 1.0, 4.0])
