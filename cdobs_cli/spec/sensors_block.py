@@ -16,6 +16,7 @@ from cdobs_cli.plant import weighted
 from cdobs_cli.sensors import MAX_PHASES, MAX_SENSORS, Sensor, hyperperiod, is_bounded
 from cdobs_cli.spec.block import Block, Name
 from cdobs_cli.spec.boxes import MAX_STATES, shape_problem
+from cdobs_cli.spec.delay_field import DELAY_WORDS, DelayField
 from cdobs_cli.spec.noise_block import NoiseBlock, noise_problems
 from cdobs_cli.spec.reader import FieldPath
 
@@ -35,6 +36,7 @@ class SensorBlock(Block):
         NonNegativeNumber | None, Field(description="When it is read first, below its period; 0 where left out.")
     ] = None
     noise: Annotated[NoiseBlock | None, Field(description="Of its outputs; none where left out.")] = None
+    delay: Annotated[DelayField | None, Field(description=f"{DELAY_WORDS} At once where left out.")] = None
 
     @property
     def first(self) -> Exact:
