@@ -118,11 +118,10 @@ class Late:
         b = self._start(before)
         most = [one.upper() for one in before]
         for reach in self._reaches:
-            size = _sizes(reach.X) @ b + reach.D
+            size = reach.X @ b + reach.D
             for G in reach.kicks:
-                size = size + _sizes(G) @ self.noise
-            for i in range(self.n):
-                most[i] = most[i].max(arb(size[i, 0]).upper())
+                size = size + G @ self.noise
+            most = [one.max(arb(size[i, 0]).upper()) for i, one in enumerate(most)]
         if not all(one.is_finite() for one in most):
             raise NoBoundError(UNBOUNDED)
         return tuple(most)
@@ -148,7 +147,7 @@ class Late:
         for reach in self._reaches:
             size = _norm(reach.X[free, free])
             if held is not None:
-                size = size + _norm(_sizes(reach.X[free, list(range(self.n, self.N))]) @ _sizes(held))
+                size = size + _norm(reach.X[free, list(range(self.n, self.N))] @ _sizes(held))
             most = most.max(size.upper())
         if not most.is_finite():
             raise NoBoundError(UNBOUNDED)
@@ -156,11 +155,12 @@ class Late:
 
     @cached_property
     def _reaches(self) -> list[Reach]:
-        """Of every word, every cell of its flow. Raises: NoBoundError."""
+        """Of every word, every cell of its flow: X and G as the largest sizes there. Raises: NoBoundError."""
         return list(self._followed())
 
     def _followed(self) -> Iterator[Reach]:
         flow, count = _Flow(self), 0
+        soonest = min((one.lower for one in self.delays), key=float)
         for q, stop in enumerate(self.stops):
             stack = [(q, EXACT_ZERO, one) for one in self._first(q, stop)]
             while stack:
@@ -171,11 +171,11 @@ class Late:
                 gap = self.stops[phase].gap
                 reach = flow.start if word.reach is None else word.reach
                 reach = self._after(reach, self.jumps(phase, word.there))
-                ends = g + gap[1]
-                yield from flow.along(reach, gap[1] if ends.is_at_most(word.latest) else word.latest - g)
-                then = g + gap[0]
-                if _is_above(then, word.latest):
+                then, ends = g + gap[0], g + gap[1]
+                if _is_above(then + soonest, word.latest):  # nothing further is there in time
+                    yield from flow.along(reach, word.latest - g)
                     continue
+                yield from flow.along(reach, gap[1] if ends.is_at_most(word.latest) else word.latest - g)
                 following, arrived = (phase + 1) % len(self.stops), flow.over(reach, gap)
                 for there, earliest, latest in self._choices(following, then, word.earliest, word.latest):
                     stack.append((following, then, _Word(there, earliest, latest, arrived)))
