@@ -35,24 +35,34 @@ class Delay:
         return ("measurement", "sensors", self.name, "delay") if self.name else ("measurement", "delay")
 
     def words(self, unit: str = "") -> str:
-        """Behind "arrives": `at once`, `20 min after it is taken`, `0 to 0.05 s after it is taken`."""
+        """Behind "arrive": `at once`, `20 min later`, `0 to 0.05 s later`."""
         if not self.is_late:
             return "at once"
-        after = f"{unit} after it is taken".strip()
-        return f"{self.upper} {after}" if self.is_constant else f"{self.lower} to {self.upper} {after}"
+        later = f"{unit} later".strip()
+        return f"{self.upper} {later}" if self.is_constant else f"{self.lower} to {self.upper} {later}"
+
+
+def arrival_words(delays: Iterable[Delay], unit: str = "") -> str:
+    """Of all sensors: `samples arrive 0.05 s later`, `samples of thermometer arrive at once, of laboratory 20 min
+    later`; empty where nothing is late."""
+    told = [(one.name, one.words(unit)) for one in delays]
+    if not told:
+        return ""
+    (name, first), *others = told
+    head = f"samples of {name} arrive {first}" if name else f"samples arrive {first}"
+    return ", ".join((head, *(f"of {name} {words}" for name, words in others)))
+
+
+def assumed(delays: Iterable[Delay], unit: str = "") -> str:
+    """What is assumed of late measurements, in sentences for people; empty where nothing is late."""
+    told = arrival_words(delays, unit)
+    if not told:
+        return ""
+    first = f"{told[0].upper()}{told[1:]}, never later."
+    order = "Stamps are exact; samples may overtake one another, and delays do not depend on noise."
+    return f"{first} {order} On arrival the estimate is computed again from the stamp on."
 
 
 def longest(delays: Iterable[Delay]) -> Exact:
     """The largest delay of any sensor."""
     return max((one.upper for one in delays), key=float)
-
-
-def arrival_words(delays: Iterable[Delay], unit: str = "") -> str:
-    """Of all sensors: `each sample arrives 0.05 s after it is taken`, `of temperature each sample arrives at once, of
-    laboratory 20 min after it is taken`; empty where nothing is late."""
-    told = [(one.name, one.words(unit)) for one in delays]
-    if not told:
-        return ""
-    (name, first), *others = told
-    head = f"of {name} each sample arrives {first}" if name else f"each sample arrives {first}"
-    return ", ".join((head, *(f"of {name} {words}" for name, words in others)))

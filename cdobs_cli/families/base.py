@@ -86,7 +86,7 @@ class Family(BaseModel, ABC):
             if signal.variables - {"t"}:
                 what = "an input that reads the estimate does not go with measurements that arrive late"
                 hint = "give it as a function of t: what was applied would have to be computed again with the estimate"
-                yield Problem(("simulation", "signals", name), what, str(signal), hint=hint)
+                yield Problem(("simulation", "signals", name), what, hint=hint)
 
     def problems(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:
         """What `validate` can see without linear algebra: a structure the family does not take, shapes of a

@@ -8,6 +8,7 @@ from typing import Any
 
 from cdobs_cli.certificate import Bound, Claim, Witness
 from cdobs_cli.chart import Table
+from cdobs_cli.delays import assumed
 from cdobs_cli.labels import Labels
 from cdobs_cli.report import systems
 from cdobs_cli.report.accuracy import accuracy
@@ -136,7 +137,9 @@ def _measurement(report: Report) -> Section:
     text = f"Samples are taken {designed.text(report.labels.time)}."
     if designed != typed and not typed.is_updated:
         text += f" This is the law designed for; the spec asks for samples {typed.text(report.labels.time)} at least."
-    return Section("Measurement", (Mathematics(systems.output_equations(report.plant)), Paragraph(text)))
+    blocks: tuple[Block, ...] = (Mathematics(systems.output_equations(report.plant)), Paragraph(text))
+    late = assumed(report.plant.delays, report.labels.time)
+    return Section("Measurement", (*blocks, Paragraph(late)) if late else blocks)
 
 
 def _observer(report: Report) -> Section:

@@ -60,15 +60,18 @@ def states_chart(plant: Plant, trajectory: Trajectory, runs: int = 1, law: Sampl
         if j in measured and len(trajectory.t_k):
             k, scale = measured[j]
             series.append(Series("measurement", trajectory.t_k, trajectory.y_k[:, k] / scale, "points", "measured"))
+            series += _arrivals(trajectory, k, scale)
             if len(lost):
                 missed = np.interp(lost, trajectory.t, trajectory.x[:, j])
                 series.append(Series("lost sample", lost, missed, "points", "refuted"))
         panels.append(Panel("time (s)", axis_name(name), tuple(series)))
     caption = "Each state with its estimate; dots are measurements, at the instants they are taken."
+    if trajectory.arrival_k is not None:
+        caption += " Crosses are those that come late, when they arrive; the estimate is what is known at each time."
     if not measured and len(trajectory.t_k):
         for k in range(min(plant.p, MAX_PANELS)):
             samples = Series("measurement", trajectory.t_k, trajectory.y_k[:, k], "points", "measured")
-            panels.append(Panel("time (s)", f"$y_{{{k + 1}}}$", (samples,)))
+            panels.append(Panel("time (s)", f"$y_{{{k + 1}}}$", (samples, *_arrivals(trajectory, k, 1.0))))
     if plant.n > MAX_PANELS:
         caption += f" The first {MAX_PANELS} of {plant.n} states are drawn."
     if runs > 1:
@@ -87,6 +90,17 @@ def typed_states_chart(coordinates: Coordinates, trajectory: Trajectory) -> Char
         panels.append(Panel("time (s)", axis_name(name), (state, estimate)))
     caption = "In the states of the spec, before the change of coordinates."
     return Chart("typed_states", "States and estimates as typed", caption, tuple(panels))
+
+
+def _arrivals(trajectory: Trajectory, k: int, scale: float) -> tuple[Series, ...]:
+    """The samples of an output that come late, where they are by the end of the run."""
+    if trajectory.arrival_k is None:
+        return ()
+    t, late = trajectory.arrival_k[:, k], trajectory.arrival_k[:, k] > trajectory.t_k
+    there = late & (t <= trajectory.t[-1])
+    if not late.any():
+        return ()
+    return (Series("its arrival", t[there], trajectory.y_k[there, k] / scale, "points", "arrived"),)
 
 
 def lost_instants(trajectory: Trajectory, law: SamplingLaw | None) -> Any:
