@@ -12,8 +12,9 @@ from cdobs_cli.certificate import Bound
 # limit: a horizontal line at y[0] over the whole panel; mark: a vertical line at x[0] over the whole panel.
 SeriesKind = Literal["line", "steps", "points", "stems", "band", "limit", "mark"]
 # truth: what really is; estimate: what the observer says; proved: a proved bound; refuted: a counterexample;
-# measured: data at samples; beside: what is compared with, drawn thin; other: anything else (the next free colour).
-Role = Literal["truth", "estimate", "proved", "refuted", "measured", "beside", "other"]
+# measured: data at samples; arrived: the same, when they are there; beside: what is compared with, drawn thin; other:
+# anything else (the next free colour).
+Role = Literal["truth", "estimate", "proved", "refuted", "measured", "arrived", "beside", "other"]
 
 
 @dataclass(frozen=True)

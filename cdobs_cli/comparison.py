@@ -76,6 +76,8 @@ def _together(run: Run, system: HybridSystem, plan: SimulationPlan, law: Samplin
 
     Raises: NoFilterError.
     """
+    if system.plant.delays:
+        raise NoFilterError("No filter is run beside measurements that arrive late.")
     if run.overall.stopped is not None:
         raise NoFilterError("The filter is not run beside a run that ends early.")
     joint = beside(system, filter_of(system.plant, run, plan))

@@ -11,6 +11,8 @@ from fractions import Fraction
 from itertools import product
 from typing import Any, Literal
 
+from cdobs_cli.codec import OPTIONAL
+from cdobs_cli.delays import Delay
 from cdobs_cli.exact.expression import ZERO, Expression, Variable, call
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
 from cdobs_cli.sampling import SamplingLaw
@@ -202,7 +204,7 @@ class Plant:
     h: what is measured, p expressions of states and inputs; None where it is C x. H: the bounds of its Jacobian,
     (p, n); None where that is C. C holds the entries of the Jacobian that are constant, and the middle of those that
     vary. disturbance, noise: boxes that hold d(t) and v_k. intensity: of a white d, (n, n), per time unit; covariance:
-    of a white v_k, (p, p).
+    of a white v_k, (p, p). delays: how late the measurements of each sensor arrive; empty where all are there at once.
     """
 
     states: tuple[str, ...]
@@ -220,6 +222,7 @@ class Plant:
     covariance: ExactMatrix | None = None
     h: tuple[Expression, ...] | None = None
     H: Slopes | None = None
+    delays: tuple[Delay, ...] = field(default=(), metadata={OPTIONAL: True})
 
     @property
     def n(self) -> int:
@@ -466,6 +469,7 @@ class TypedDynamics:
     noise: Box | None = None
     intensity: ExactMatrix | None = None
     covariance: ExactMatrix | None = None
+    delays: tuple[Delay, ...] = field(default=(), metadata={OPTIONAL: True})
 
 
 def coordinate_names(n: int, taken: frozenset[str]) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from cdobs_cli.codec import Noun
+from cdobs_cli.codec import OPTIONAL, Noun
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact
 from cdobs_cli.plant import Box
@@ -28,7 +28,8 @@ class SimulationPlan:
     signals: expressions of `t` by name (inputs; `d.0`.. disturbances; `v.0`.. noise at samples); those of inputs may
     also read the estimate `hat.<state>` and the last measurement `y.0`, .. (feedback). Without any `d.i` (`v.k`) the
     disturbance (the noise) is drawn within what the plant declares.
-    sampling_times: expression of `t` giving T_k at t_k = t; None: the design's law.
+    sampling_times: expression of `t` giving T_k at t_k = t; None: the design's law. latest: whether all measurements
+    arrive as late as may be; else their delays are drawn.
     """
 
     horizon: Exact
@@ -39,6 +40,7 @@ class SimulationPlan:
     seed: int = 0
     signals: Mapping[str, Expression] = field(default_factory=dict)
     sampling_times: Expression | None = None
+    latest: bool = field(default=False, metadata={OPTIONAL: True})
 
     @property
     def inputs(self) -> dict[str, Expression]:
@@ -63,7 +65,8 @@ class SimulationPlan:
 @dataclass(frozen=True)
 class Trajectory:
     """One run. t (N,) is the output grid, with both sides of each jump (equal t twice); x (N, n);
-    estimates by name (N, n); internals by name (N,); t_k (K,), y_k (K, p): what was measured when."""
+    estimates by name (N, n); internals by name (N,); t_k (K,), y_k (K, p): what was measured when; arrival_k (K, p):
+    when it arrived, where not all is there at once, not a number where an output was not read."""
 
     t: NDArray[np.float64]
     x: NDArray[np.float64]
@@ -73,6 +76,7 @@ class Trajectory:
     y_k: NDArray[np.float64]
     inputs: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     stopped: str | None = None
+    arrival_k: NDArray[np.float64] | None = None
 
     def read_by(self, sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The instants at which a sensor is read (K_s,), and what it says (K_s, its outputs): y_k is NaN elsewhere."""

@@ -3,7 +3,7 @@ either kind, of its largest value (`error.<state>`) and of its mean square (`rms
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -31,7 +31,7 @@ METHODS: tuple[type[Method], ...] = (
     GraphMeanSquare,
 )  # fmt: skip
 Transient = Callable[[Box], tuple[arb, ...]]
-_DIGITS = 6
+DIGITS = 6
 _ABOUT = "this gain under its law"
 
 
@@ -127,15 +127,21 @@ def accuracy(question: Question, items: Iterable[Item]) -> tuple[list[Claim], di
         claims.append(_claim(name, best or named[0], question))
         if best is not None:
             about = ", ".join(filter(None, (_ABOUT, best.method.since(plant))))
-            bounds[name] = Bound(upper_text(_error(best), _DIGITS), None, "", best.method.rung, about, "less")
-    by_state = [bounds[f"rms.{state}"] for state in plant.states if f"rms.{state}" in bounds]
-    if "rms" not in bounds and len(by_state) == plant.n:
-        total = sum((_end(one) ** 2 for one in by_state), arb(0)).sqrt()
-        bounds["rms"] = Bound(upper_text(total, _DIGITS), None, "", "sum of the states'", _ABOUT, "less")
+            bounds[name] = Bound(upper_text(_error(best), DIGITS), None, "", best.method.rung, about, "less")
+    bounds |= total(plant, bounds)
     reached, lower_ends = _reached(question, items)
     for name, end in lower_ends.items():
         bounds[name] = replace(bounds.get(name, Bound(None, None, "", None, _ABOUT, "less")), refuted=end)
-    return [_error_bounded(question, bounds), *claims, *reached], bounds
+    return [error_bounded(question, bounds), *claims, *reached], bounds
+
+
+def total(plant: Plant, bounds: Mapping[str, Bound]) -> dict[str, Bound]:
+    """`rms` of those of all states, where it is not bounded itself."""
+    by_state = [bounds[f"rms.{state}"] for state in plant.states if f"rms.{state}" in bounds]
+    if "rms" in bounds or len(by_state) < plant.n:
+        return {}
+    whole = sum((_end(one) ** 2 for one in by_state), arb(0)).sqrt()
+    return {"rms": Bound(upper_text(whole, DIGITS), None, "", "sum of the states'", _ABOUT, "less")}
 
 
 def _end(bound: Bound) -> arb:
@@ -163,7 +169,7 @@ def _reached(question: Question, items: Iterable[Item]) -> tuple[list[Claim], di
         if not isinstance(method, Attained) or not item.proof.holds or method.law != question.law:
             continue
         state = question.plant.states[method.state]
-        name, end = f"error.{state}", lower_text(_error(item), _DIGITS)
+        name, end = f"error.{state}", lower_text(_error(item), DIGITS)
         statement = f"|e_{state}| comes to {end} again and again for some slopes and signals of those declared"
         claims.append(
             Claim(
@@ -208,7 +214,7 @@ def _size(item: Item) -> float:
 
 def _claim(name: str, item: Item, question: Question) -> Claim:
     method, proof = item.method, item.proof
-    told = method.statement if proof.error is None else f"{_left(name)} <= {upper_text(proof.error, _DIGITS)}"
+    told = method.statement if proof.error is None else f"{_left(name)} <= {upper_text(proof.error, DIGITS)}"
     since = method.since(question.plant)
     statement = f"{told}{f' {since}' if since else ''}, sampling {method.covers.words}."
     return Claim(name, "certificate", status_of(proof.holds), statement, method.source, method=method.how)
@@ -222,7 +228,7 @@ def _left(name: str) -> str:
     return f"|e_{state}|"
 
 
-def _error_bounded(question: Question, bounds: dict[str, Bound]) -> Claim:
+def error_bounded(question: Question, bounds: Mapping[str, Bound]) -> Claim:
     """Proved where every state has a proved bound, of its size where what acts is bounded, else of its mean square."""
     plant = question.plant
     names = [f"{'rms' if plant.has_white else 'error'}.{state}" for state in plant.states]

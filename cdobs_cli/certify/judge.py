@@ -14,6 +14,17 @@ from flint import arb
 from cdobs_cli.certificate import CONVERGENCE, Bound, Certificate, Check, Claim, Status, Witness
 from cdobs_cli.certify import accuracy
 from cdobs_cli.certify.falsify import every_gain_fails_from, refute, slowest_decay
+from cdobs_cli.certify.late import LateMaps
+from cdobs_cli.certify.late_claims import (
+    Sized,
+    delay_max,
+    growth,
+    late_accuracy,
+    late_claim,
+    late_transients,
+    put_in_words,
+    starts,
+)
 from cdobs_cli.certify.levels import Level
 from cdobs_cli.certify.linear import is_linear, stable_intervals
 from cdobs_cli.certify.methods.base import Method, Proof, Question, read
@@ -37,6 +48,10 @@ class Card(Protocol):
 
     letter: ClassVar[str]
     error_source: ClassVar[str]
+
+    @property
+    def late_maps(self) -> LateMaps:
+        """Error and noise over states of which a sample that has not arrived yet changes none."""
 
     @property
     def wanted_rate(self) -> Fraction:
@@ -170,10 +185,19 @@ def judge(card: Card, plant: Plant, design: Design, effort: int) -> Check:
     conclusion = _conclusion(judgement, hidden, claims)
     sized = [accuracy.Item(item.method, item.proof) for item in judgement.sizing]
     of_errors, error_bounds = accuracy.accuracy(question, sized)
-    told = (conclusion, *of_errors, *claims, *beside, *lost, *_intervals(question))
+    envelope, late = _envelope(judgement), []
+    if plant.delays:
+        if of_errors:
+            sizes = Sized(error_bounds, starts(sized, plant.n))
+            of_errors, error_bounds = late_accuracy(question, card.late_maps, of_errors, sizes)
+        found = growth(question, card.late_maps, envelope)
+        late, envelope = [late_claim(question, found, envelope)], dict(found.envelope)
+        if not plant.domain or design.estimate.way != "margin":
+            bounds["delay_max"] = delay_max()
+    told = (conclusion, *late, *of_errors, *claims, *beside, *lost, *_intervals(question))
     unique = {claim.id: claim for claim in reversed(told)}
     every = bounds | beside_bounds | error_bounds
-    return Check(tuple(reversed(unique.values())), every, envelope=_envelope(judgement))
+    return Check(tuple(reversed(unique.values())), every, envelope=envelope)
 
 
 def _judged(
@@ -235,7 +259,7 @@ def _without_gain(judgement: Judgement, hidden: Unseen | None) -> Check:
 
 def _conclusion(judgement: Judgement, hidden: Unseen | None, claims: Sequence[Claim]) -> Claim:
     """Proved by a certificate that covers the law, else refuted by a counterexample."""
-    statement = _converges(judgement.law)
+    statement = _converges(judgement.law, judgement.plant)
     covering = judgement.covering
     if covering:
         best = max(covering, key=lambda item: float(item.proof.rate.lower()))
@@ -276,11 +300,12 @@ def _lost_by_chance(judgement: Judgement) -> tuple[str, Witness] | None:
     return why, Witness("vector", "class", data={"probability": least})
 
 
-def _converges(law: SamplingLaw) -> str:
+def _converges(law: SamplingLaw, plant: Plant) -> str:
+    late = put_in_words(plant)
     if law.is_random:
         blind = "for every slope history in the class that does not know which samples will be lost"
-        return f"The error converges to 0 in mean square, and almost surely, {blind}, sampling {law.words}."
-    return f"The error converges to 0 for every slope history in the class, sampling {law.words}."
+        return f"The error converges to 0 in mean square, and almost surely, {blind}, sampling {law.words}{late}."
+    return f"The error converges to 0 for every slope history in the class, sampling {law.words}{late}."
 
 
 def _certificate_claims(judgement: Judgement) -> list[Claim]:
@@ -464,6 +489,12 @@ def levels(card: Card, plant: Plant, design: Design) -> list[Level]:
     return [level for level in met if level is not None]
 
 
+def transients(card: Card, plant: Plant, design: Design) -> list[accuracy.Transient]:
+    """How large the error becomes on the way without disturbance and noise."""
+    free: list[accuracy.Transient] = [level.bounds for level in levels(card, plant, design)]
+    return _at_present(card, plant, design, free, quiet=True)
+
+
 def noisy_transients(card: Card, plant: Plant, design: Design) -> list[accuracy.Transient]:
     """How large the error becomes on the way under the declared disturbance and noise, where these are bounded."""
     if not plant.has_only_bounded:
@@ -472,4 +503,15 @@ def noisy_transients(card: Card, plant: Plant, design: Design) -> list[accuracy.
     judged = _judged(card, question, design.certificates, lambda method: method.reach == "error bound")
     sized = [accuracy.Item(item.method, item.proof) for item in judged if item.own]
     met = (item.method.level(question) for item in covering)
-    return accuracy.transients(question, sized, [level for level in met if level is not None])
+    free = accuracy.transients(question, sized, [level for level in met if level is not None])
+    return _at_present(card, plant, design, free, quiet=False)
+
+
+def _at_present(
+    card: Card, plant: Plant, design: Design, free: list[accuracy.Transient], *, quiet: bool
+) -> list[accuracy.Transient]:
+    """Transients of an estimate without delays as those of the one at the present."""
+    if not plant.delays or not free:
+        return free
+    question = card.question(replace(plant, sampling=design.sampling), design.gain, 0)
+    return late_transients(question, card.late_maps, free, quiet=quiet)

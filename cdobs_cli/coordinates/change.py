@@ -218,6 +218,7 @@ def transformed(typed: TypedDynamics, coordinates: CoordinateMap | Literal["lie"
     plant = Plant(
         change.names, typed.inputs, A, phi, typed.B, C, slopes, typed.sampling, domain,
         image_of_disturbance(typed, change, region), typed.noise, covariance=typed.covariance,
+        delays=typed.delays,
     )  # fmt: skip
     return plant, Coordinates(typed, change.names, change.map, change.inverse, derived, plant)
 

@@ -131,4 +131,5 @@ def split(typed: TypedDynamics) -> Plant:
     return Plant(
         typed.states, typed.inputs, A, as_printed(phi, typed.phi), typed.B, seen.C, slopes, typed.sampling,
         typed.domain, typed.disturbance, typed.noise, typed.intensity, typed.covariance, seen.h, seen.H,
+        typed.delays,
     )  # fmt: skip

@@ -8,7 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.resources import files
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, Literal, Self
 
 from pydantic import BaseModel, ConfigDict
 
@@ -41,6 +41,8 @@ class Family(BaseModel, ABC):
     takes_losses: ClassVar[bool] = False
     # Whether sensors may have periods and offsets of their own.
     takes_sensors: ClassVar[bool] = False
+    # Whether measurements may arrive late: from one sensor, from several with delays of their own.
+    takes_delays: ClassVar[Literal["none", "one", "several"]] = "none"
 
     @classmethod
     def example(cls) -> str:
@@ -54,7 +56,10 @@ class Family(BaseModel, ABC):
 
     def mistakes(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:
         """`problems`, and the schemes of measurement that the family does not take."""
-        return [*self._problems_of_scheme(plant), *self.problems(plant, simulation)]
+        return [
+            *self._problems_of_scheme(plant), *self._problems_of_delay(plant, simulation),
+            *self.problems(plant, simulation),
+        ]  # fmt: skip
 
     def _problems_of_scheme(self, plant: Plant) -> Iterator[Problem]:
         law = plant.sampling
@@ -66,6 +71,26 @@ class Family(BaseModel, ABC):
             what = "family reachability takes sensors with periods or offsets of their own"
             more = "or read all of them at one period: C, sampling: {period: ..}"
             yield Problem(("measurement", "sensors"), what, self.name, hint=f"write family: reachability, {more}")
+
+    def _problems_of_delay(self, plant: Plant, simulation: SimulationPlan | None) -> Iterator[Problem]:
+        if not plant.delays:
+            return
+        at = next(one.field for one in plant.delays if one.is_late)
+        if self.takes_delays == "none":
+            hint = "write family: reachability: its estimate is computed again from the stamp on"
+            yield Problem(at, "family reachability takes measurements that arrive late", self.name, hint=hint)
+        elif self.takes_delays == "one" and len(plant.delays) > 1:
+            hint = "write family: reachability, or one delay for all: C, sampling, delay directly under measurement"
+            yield Problem(at, "family reachability takes sensors with delays of their own", self.name, hint=hint)
+        elif plant.sampling.is_graph:
+            what = "late samples go with sensors in step, and with losses of one sensor that has one gain"
+            hint = "leave the delay out, or the losses and min_period of sensors"
+            yield Problem(at, what, hint=hint)
+        for name, signal in ({} if simulation is None else simulation.inputs).items():
+            if signal.variables - {"t"}:
+                what = "an input that reads the estimate does not go with measurements that arrive late"
+                hint = "give it as a function of t: what was applied would have to be computed again with the estimate"
+                yield Problem(("simulation", "signals", name), what, hint=hint)
 
     def problems(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:
         """What `validate` can see without linear algebra: a structure the family does not take, shapes of a

@@ -59,6 +59,10 @@ class ConstantGain(Family):
     def noise_maps(self, view: PlantView[Any]) -> NoiseMaps[Any]:
         """How disturbance and noise enter that error."""
 
+    def late_maps(self, view: PlantView[Any]) -> tuple[ErrorMaps[Any], NoiseMaps[Any]]:
+        """Both, over states of which a sample that has not arrived yet changes none."""
+        return self.error_maps(view), self.noise_maps(view)
+
     @abstractmethod
     def methods(self) -> tuple[type[Method], ...]:
         """The methods whose certificates its designs may hold."""
@@ -93,6 +97,10 @@ class ConstantGain(Family):
         if self.error_at_most is not None and self.objective == "decay_rate":
             what, allowed = "an error to be kept does not go with the fastest rate", "another objective"
             yield Problem(("observer", "error_at_most"), what, got=self.objective, allowed=allowed)
+        if self.error_at_most is not None and plant.delays:
+            what = "the error that is kept in a search is that of an estimate without delays"
+            hint = "say it in `expect`: bounds.error.<state>, which counts them"
+            yield Problem(("observer", "error_at_most"), what, hint=hint)
         if self.error_at_most is not None and getattr(self, "gain", None) is not None:
             what, hint = "an error to be kept belongs to a search for a gain", "of a given gain say it in `expect`"
             yield Problem(("observer", "error_at_most"), what, hint=hint)
@@ -179,9 +187,9 @@ class ConstantGain(Family):
         return judge(self, plant, design, effort)
 
     def transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
-        from cdobs_cli.certify.judge import levels
+        from cdobs_cli.certify.judge import transients
 
-        return tuple(level.bounds for level in levels(self, plant, design))
+        return transients(self, plant, design)
 
     def noisy_transients(self, plant: Plant, design: Design) -> Sequence[Transient]:
         from cdobs_cli.certify.judge import noisy_transients

@@ -26,7 +26,8 @@ if TYPE_CHECKING:
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 BLUE, VERMILLION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
 ROLE_COLOURS = {
-    "truth": BLACK, "estimate": BLUE, "proved": GREEN, "refuted": VERMILLION, "measured": ORANGE, "beside": VERMILLION,
+    "truth": BLACK, "estimate": BLUE, "proved": GREEN, "refuted": VERMILLION, "measured": ORANGE, "arrived": ORANGE,
+    "beside": VERMILLION,
 }  # fmt: skip
 OTHER_COLOURS = (PURPLE, SKY, ORANGE, "#7F7F7F", BLUE, GREEN)
 SENSOR_COLOURS = (ORANGE, PURPLE, SKY, GREEN, "#7F7F7F")
@@ -231,7 +232,7 @@ def _draw_series(ax: Axes, series: Series, index: int, *, many: bool, panel: Pan
         case "points":
             marker = MARKERS[(series.place or index) % len(MARKERS)]
             size, edge, rim = (3.6, 0.4, "white") if len(x) < 200 else (1.8, 0.0, "white")
-            if series.role == "refuted":  # what is not there
+            if series.role in ("refuted", "arrived"):  # what is not there, or not at its stamp
                 marker, edge, rim = "x", 0.9, colour
             ax.plot(x, y, linestyle="none", marker=marker, markersize=size, color=colour, markeredgecolor=rim,
                     markeredgewidth=edge, label=label, zorder=4)  # fmt: skip

@@ -29,6 +29,7 @@ BOUND_TITLES = {
     "positivity_period_max": "Largest period that keeps the bounds ordered",
     "tau_max": "Largest period by the printed theorem",
     "delta_star": "Limit of the reachable set, δ*",
+    "delay_max": "Largest delay of measurements",
     "decay_rate": "Decay rate of the error",
     "final_width": "Final width of the interval",
     "error": "Error in the long run, at most",

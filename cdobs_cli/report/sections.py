@@ -139,9 +139,8 @@ def _measurement(report: Report) -> Section:
     text = f"{begin} {designed.text(report.labels.time)}."
     if designed != typed and not typed.is_updated:
         text += f" This is the law designed for; the spec asks for samples {typed.text(report.labels.time)} at least."
-    return Section(
-        "Measurement", (Mathematics(systems.output_equations(report.plant)), Paragraph(text), *assumed(report))
-    )
+    blocks: tuple[Block, ...] = (Mathematics(systems.output_equations(report.plant)), Paragraph(text), *assumed(report))
+    return Section("Measurement", blocks)
 
 
 def _observer(report: Report) -> Section:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from cdobs_cli.delays import ASSUMED_OF_LATE
 from cdobs_cli.plant import Plant
 from cdobs_cli.report.blocks import Block, Bullets, Grid, Paragraph
 from cdobs_cli.report.model import Report
@@ -24,13 +25,14 @@ def assumed(report: Report) -> tuple[Block, ...]:
     if not law.has_sensors:
         every = tuple(range(plant.p))
         what = f"{_outputs(every)}: read {'' if plant.p == 1 else 'together '}{law.text(unit)}{_from_start(law)}"
-        words = f"{what}; {_losses(law)}; {_noise(plant, every)}"
-        return Paragraph(told), Bullets((_sentence(words),))
+        words = f"{what}; {_losses(law)}{_used(plant, every, unit)}; {_noise(plant, every)}"
+        return (Paragraph(told), Bullets((_sentence(words),)), *_late(plant))
     items = []
     for sensor in law.sensors:
         what = f"{sensor.name} ({_outputs(sensor.outputs)}): {_when(sensor, law, unit)}"
-        items.append(_sentence(f"{what}; {_losses_of(sensor)}; {_noise(plant, sensor.outputs)}"))
-    return Paragraph(told), Bullets(tuple(items)), Paragraph(_pattern(law, unit))
+        used = _used(plant, sensor.outputs, unit)
+        items.append(_sentence(f"{what}; {_losses_of(sensor)}, {used}; {_noise(plant, sensor.outputs)}"))
+    return (Paragraph(told), Bullets(tuple(items)), Paragraph(_pattern(law, unit)), *_late(plant))
 
 
 def _when(sensor: Sensor, law: SamplingLaw, unit: str) -> str:
@@ -42,8 +44,17 @@ def _when(sensor: Sensor, law: SamplingLaw, unit: str) -> str:
 
 
 def _losses_of(sensor: Sensor) -> str:
-    most = f"at most {sensor.lost} of its samples in a row are lost" if sensor.lost else "no sample is lost"
-    return f"{most}, each is used when it is taken"
+    return f"at most {sensor.lost} of its samples in a row are lost" if sensor.lost else "no sample is lost"
+
+
+def _used(plant: Plant, outputs: Sequence[int], unit: str) -> str:
+    """When a sample is known."""
+    late = next((one for one in plant.delays if one.is_late and set(outputs) <= set(one.outputs)), None)
+    return "each is used when it is taken" if late is None else f"each arrives {late.words(unit)}, never later"
+
+
+def _late(plant: Plant) -> tuple[Block, ...]:
+    return (Paragraph(ASSUMED_OF_LATE),) if plant.delays else ()
 
 
 def _pattern(law: SamplingLaw, unit: str) -> str:
@@ -73,9 +84,8 @@ def _from_start(law: SamplingLaw) -> str:
 
 
 def _losses(law: SamplingLaw) -> str:
-    """The law's own words say what is lost; no sample is late."""
-    lost = "" if law.is_lossy or law.is_random else "no sample is lost, "
-    return f"{lost}each is used when it is taken"
+    """The law's own words say what is lost."""
+    return "" if law.is_lossy or law.is_random else "no sample is lost, "
 
 
 def _noise(plant: Plant, outputs: Sequence[int]) -> str:

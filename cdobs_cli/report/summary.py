@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 from cdobs_cli.certificate import Bound, Status
+from cdobs_cli.delays import arrival_words
 from cdobs_cli.labels import OF_STATES
 from cdobs_cli.report.model import Report
 from cdobs_cli.report.numbers import ends_text, margin_text, unit_text
@@ -32,6 +33,8 @@ def summary_lines(report: Report) -> list[str]:
         if one["family"] == report.design.family:
             lines.append(f"  family: {one['family']} ({one['why']})")
     lines.append(f"  sampling: {report.design.sampling.text(report.labels.time)}")
+    if late := arrival_words(report.plant.delays, report.labels.time):
+        lines.append(f"  late: {late}")
     for name, bound in report.check.bounds.items() if report.check else ():
         if ("." not in name or name.partition(".")[0] in OF_STATES) and (
             bound.proved is not None or bound.refuted is not None

@@ -61,6 +61,7 @@ def states_chart(plant: Plant, trajectory: Trajectory, runs: int = 1, law: Sampl
         series = [Series("state", trajectory.t, trajectory.x[:, j], "line", "truth"), *_estimates(trajectory, j)]
         for k, scale in measured.get(j, ())[: None if sensors else 1] if len(trajectory.t_k) else ():
             series.append(_samples(trajectory, k, sensors, scale))
+            series += _arrivals(trajectory, k, scale)
             shown.add(k)
             if len(lost):
                 missed = np.interp(lost, trajectory.t, trajectory.x[:, j])
@@ -68,10 +69,13 @@ def states_chart(plant: Plant, trajectory: Trajectory, runs: int = 1, law: Sampl
         panels.append(Panel("time (s)", axis_name(name), tuple(series)))
     whose = ", each sensor's of their own" if sensors else ""
     caption = f"Each state with its estimate; dots are measurements{whose}, at the instants they are taken."
+    if trajectory.arrival_k is not None:
+        caption += " Crosses are those that come late, when they arrive; the estimate is what is known at each time."
     if len(trajectory.t_k) and (sensors or not measured):
         for k in range(min(plant.p, MAX_PANELS)):
             if k not in shown:
-                panels.append(Panel("time (s)", f"$y_{{{k + 1}}}$", (_samples(trajectory, k, sensors),)))
+                own = (_samples(trajectory, k, sensors), *_arrivals(trajectory, k, 1.0))
+                panels.append(Panel("time (s)", f"$y_{{{k + 1}}}$", own))
     if plant.n > MAX_PANELS:
         caption += f" The first {MAX_PANELS} of {plant.n} states are drawn."
     if runs > 1:
@@ -99,6 +103,17 @@ def typed_states_chart(coordinates: Coordinates, trajectory: Trajectory) -> Char
         panels.append(Panel("time (s)", axis_name(name), (state, estimate)))
     caption = "In the states of the spec, before the change of coordinates."
     return Chart("typed_states", "States and estimates as typed", caption, tuple(panels))
+
+
+def _arrivals(trajectory: Trajectory, k: int, scale: float) -> tuple[Series, ...]:
+    """The samples of an output that come late, where they are by the end of the run."""
+    if trajectory.arrival_k is None:
+        return ()
+    t, late = trajectory.arrival_k[:, k], trajectory.arrival_k[:, k] > trajectory.t_k
+    there = late & (t <= trajectory.t[-1])
+    if not late.any():
+        return ()
+    return (Series("its arrival", t[there], trajectory.y_k[there, k] / scale, "points", "arrived"),)
 
 
 def lost_instants(trajectory: Trajectory, law: SamplingLaw | None) -> Any:

@@ -53,6 +53,7 @@ def _is_of(one: Trajectory, system: HybridSystem) -> bool:
     plant, observer = system.plant, system.observer
     shown = one.x.shape[1], one.y_k.shape[1], one.estimates.keys(), one.internals.keys()
     known = shown == (plant.n, plant.p, observer.estimates.keys(), observer.internals.keys())
+    known = known and (one.arrival_k is not None) == bool(plant.delays)
     return known and {source.name for source in plant.inputs} <= one.inputs.keys()
 
 

@@ -1,11 +1,11 @@
 """A run as arrays, and as the bytes of `simulation.npz`.
 
-Keys: t, x, one per estimate (x_hat, or x_lower and x_upper), t_k, y_k, `input.<name>`, `internal.<name>`;
-all runs one after the other, run r in [offsets[r], offsets[r + 1]) of what is over t and
-[sample_offsets[r], sample_offsets[r + 1]) of t_k and y_k; `stopped`, one text a run, empty where none. y_k is NaN where
+Keys: t, x, one per estimate (x_hat, or x_lower and x_upper), t_k, y_k, `input.<name>`, `internal.<name>`; all runs one
+after the other, run r in [offsets[r], offsets[r + 1]) of what is over t and [sample_offsets[r], sample_offsets[r + 1])
+of t_k and y_k, and of arrival_k where they arrive late; `stopped`, one text a run, empty where none. y_k is NaN where
 an output is not read; of sensors with periods of their own what each has read stands by itself too, `t_k.<sensor>`,
-`y_k.<sensor>` and `sample_offsets.<sensor>`. Where a filter was run beside, `filter.t` and `filter.error`, its error in
-run 0. Of many runs those that are shown stand there, and `bands.t` (G,), `bands.levels` (Q,), `bands.of.<state>`
+`y_k.<sensor>` and `sample_offsets.<sensor>`. Where a filter was run beside, `filter.t` and `filter.error`, its error
+in run 0. Of many runs those that are shown stand there, and `bands.t` (G,), `bands.levels` (Q,), `bands.of.<state>`
 (Q, G), percentiles of the errors of all.
 """
 
@@ -27,7 +27,8 @@ from cdobs_cli.run import Bands, Comparison, Ensemble, Filtered, Run, RunSummary
 from cdobs_cli.sensors import Sensor
 
 MAX_BYTES = 2**30
-ON_GRID, AT_SAMPLES, PER_RUN = ("t", "x"), ("t_k", "y_k"), ("offsets", "sample_offsets", "stopped")
+ARRIVAL = "arrival_k"
+ON_GRID, AT_SAMPLES, PER_RUN = ("t", "x"), ("t_k", "y_k", ARRIVAL), ("offsets", "sample_offsets", "stopped")
 OF_FILTER = ("filter.t", "filter.error")
 OF_BANDS, OF_STATE = ("bands.t", "bands.levels"), "bands.of."
 OF_SENSOR = ("t_k.", "y_k.", "sample_offsets.")
@@ -40,6 +41,7 @@ def arrays(run: Run, sensors: Sequence[Sensor] = ()) -> dict[str, NDArray[Any]]:
         {"t": one.t, "x": one.x, "t_k": one.t_k, "y_k": one.y_k, **one.estimates}
         | {f"input.{name}": values for name, values in one.inputs.items()}
         | {f"internal.{name}": values for name, values in one.internals.items()}
+        | ({} if one.arrival_k is None else {ARRIVAL: one.arrival_k})
         for one in every
     ]
     together = {name: np.concatenate([own[name] for own in named]) for name in named[0]}
@@ -136,6 +138,7 @@ def _run(stored: Mapping[str, NDArray[Any]], document: Mapping[str, Any]) -> Run
             {name: shown[f"internal.{name}"] for name in internals},
             stored["t_k"][at_samples], stored["y_k"][at_samples],
             {name: shown[f"input.{name}"] for name in inputs}, str(stored["stopped"][run]) or None,
+            stored[ARRIVAL][at_samples] if ARRIVAL in stored else None,
         ))  # fmt: skip
     summaries = read(tuple[RunSummary, ...], document["runs"])
     many = None if "ensemble" not in document else read(Ensemble, document["ensemble"])
@@ -196,6 +199,7 @@ def _refuse_misshapen(stored: Mapping[str, NDArray[Any]], estimates: list[str], 
     n, p = stored["x"].shape[1], stored["y_k"].shape[1]
     N, K = len(stored["t"]), len(stored["t_k"])
     shapes = {"t": (N,), "x": (N, n), "t_k": (K,), "y_k": (K, p)}
+    shapes |= {ARRIVAL: (K, p)} if ARRIVAL in stored else {}
     shapes |= {name: (N, n) if name in estimates else (N,) for name in others}
     if any(stored[name].shape != shape or stored[name].dtype != np.float64 for name, shape in shapes.items()):
         raise ValueError("arrays of unequal lengths or types")

@@ -20,6 +20,7 @@ from cdobs_cli.simulate.disturbance import Disturbance, longest_sub_step
 from cdobs_cli.simulate.ending import GROWN, SENTENCES, Ending
 from cdobs_cli.simulate.flow import Flow
 from cdobs_cli.simulate.integrator import End, Progress
+from cdobs_cli.simulate.late import Recompute
 from cdobs_cli.simulate.loop import ClosedLoop
 from cdobs_cli.simulate.record import Grid, Log, Paths, Record, Samples, Sides, grid_times, paths, sides_of_one
 from cdobs_cli.simulate.sampling import Timetable
@@ -132,6 +133,8 @@ class _Simulation:
         self.next = np.full(self.runs, self.horizon)
         longest = longest_sub_step(None if chooses else float(law.T_max), self.horizon, self.max_steps)
         self.disturbance = Disturbance(signals, self.draws, self.runs, longest)
+        late = (self.loop, plan, system.plant.delays, self.draws, self.max_steps, together)
+        self.late = Recompute(*late) if system.plant.delays else None
 
     def run(self) -> tuple[Log, Samples]:
         """Every run to its end, over arrays; returns what was recorded."""
@@ -218,12 +221,40 @@ class _Simulation:
         return Batch(self.loop, watch, kept, samples, summaries, error, self.grid, int(progress.steps.max()), implicit)
 
     def _flow(self, runs: Integers) -> Integers:
-        """Flow the given runs to their next sample, or the horizon; a white disturbance is drawn anew on the way.
+        """Flow the given runs to their next sample, or the horizon, by what arrives on the way.
+
+        Returns the End code of each.
+        """
+        last = np.minimum(self.next[runs], self.horizon)
+        if self.late is None:
+            return self._flow_until(runs, last)
+        codes, live = np.full(len(runs), End.REACHED), np.arange(len(runs))
+        while live.size:
+            ids = runs[live]
+            codes[live] = self._flow_until(ids, np.minimum(last[live], self.late.next[ids]))
+            going = (codes[live] == End.REACHED) & ~self.watch.halted[ids]
+            live = live[going & (self.progress.t[ids] >= self.late.next[ids])]
+            if live.size:
+                self._arrive(runs[live])
+        return codes
+
+    def _arrive(self, runs: Integers) -> None:
+        """What arrives now changes the estimate."""
+        assert self.late is not None
+        t, y, held = self.progress.at(runs)
+        estimate, codes = self.late.arrive(runs, t)
+        after = np.concatenate([y[: self.loop.plant.n], estimate])
+        self.record.sides.add(self.late.index, runs, t, np.concatenate([y, held]), np.concatenate([after, held]))
+        self.progress.y[:, runs] = after
+        self._halt_stuck(runs, codes)
+
+    def _flow_until(self, runs: Integers, last: Array) -> Integers:
+        """Flow the given runs to the times `last`; a white disturbance is drawn anew on the way.
 
         Returns the End code of each.
         """
         codes, live = np.full(len(runs), End.REACHED), np.arange(len(runs))
-        progress, last = self.progress, np.minimum(self.next[runs], self.horizon)
+        progress = self.progress
         while live.size:
             ids = runs[live]
             ends = np.minimum(last[live], self.disturbance.until[ids])
@@ -271,7 +302,7 @@ class _Simulation:
         """x+ = g(x-, y_k), then what is held, then the next sampling instant."""
         t, y, held = self.progress.at(runs)
         elapsed = t - held[-1]
-        after = self.loop.jump(self._which(runs, index), t, y, held, measured) if jumps else y
+        after = self._corrected(runs, index, t, y, held, measured) if jumps else y
         unknown = np.full(len(runs), np.inf)
         self.next[runs] = unknown if self.timetable is None else self.timetable.after(runs, index, t)
         self.disturbance.at_sample(runs, index, t, self.next[runs])
@@ -287,6 +318,14 @@ class _Simulation:
         self._end(runs[crowded], Ending.CROWDED)
         unready = going & ~crowded & ~(self.loop.trigger(t, after, held_after) < 0)
         self._end(runs[unready], Ending.UNREADY)
+
+    def _corrected(self, runs: Integers, index: int, t: Array, y: Array, held: Array, measured: Array) -> Array:
+        """All states after sample number `index`, as far as it is there at once."""
+        if self.late is None:
+            return self.loop.jump(self._which(runs, index), t, y, held, measured)
+        after, arrival = self.late.take(runs, index, self._which(runs, index), t, y, held, measured)
+        self.record.arrivals.append(arrival)
+        return after
 
     def _halt_stuck(self, runs: Integers, codes: Integers) -> None:
         """Turn an integrator that cannot go on into a sentence."""

@@ -218,7 +218,10 @@ def worst_of(summaries: Sequence[RunSummary]) -> int:
 
 
 def _compiled(system: HybridSystem, plan: SimulationPlan, law: SamplingLaw) -> Compiled | None:
-    """The loop in machine code, if it does as the array path does: looked at when it is used first."""
+    """The loop in machine code, if it does as the array path does: looked at when it is used first. What arrives late
+    is known to arrays alone."""
+    if system.plant.delays:
+        return None
     from cdobs_cli.simulate.loop import ClosedLoop
     from cdobs_cli.simulate.signals import Signals
 

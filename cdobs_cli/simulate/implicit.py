@@ -113,7 +113,7 @@ class Jacobian:
     """The derivatives of the flow by the states, from its expressions."""
 
     def __init__(self, loop: ClosedLoop) -> None:
-        rows = [[row.derivative(name) for name in loop.system.states] for row in loop.flow]
+        rows = [[row.derivative(name) for name in loop.states] for row in loop.flow]
         self._places = [(i, j) for i, row in enumerate(rows) for j, entry in enumerate(row) if entry != ZERO]
         self._values = compile_floats([rows[i][j] for i, j in self._places], loop.names, arrays=False)
         self._flat = np.array([i * loop.size + j for i, j in self._places], dtype=np.int64)

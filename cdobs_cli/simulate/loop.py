@@ -79,8 +79,9 @@ class ClosedLoop:
         kept = range(self.plant.p if signals.reads_measurements else 0)
         self.last_measured = tuple(f"{LAST_MEASURED}{k}" for k in kept)
         self.held = (*self.controls, *self.last_measured, *signals.held, LAST_SAMPLE)
-        self.names = ("t", *system.states, *self.held)
-        self.size = len(system.states)
+        self.states = system.states
+        self.names = ("t", *self.states, *self.held)
+        self.size = len(self.states)
         elapsed = {"elapsed": Variable("t") - Variable(LAST_SAMPLE)}
         known = {name: row.substitute(elapsed) for name, row in self._estimate().items()}
         known |= {f"y.{k}": Variable(name) for k, name in enumerate(self.last_measured)}

@@ -124,11 +124,13 @@ class Log:
 
 @dataclass(frozen=True)
 class Samples:
-    """All measurements: run r took those in [offsets[r], offsets[r + 1]) of t (K,) and y (p, K)."""
+    """All measurements: run r took those in [offsets[r], offsets[r + 1]) of t (K,) and y (p, K); arrival (p, K) is when
+    they are there, None where that is at once."""
 
     offsets: Integers
     t: Array
     y: Array
+    arrival: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -157,11 +159,13 @@ class Paths:
 
 @dataclass
 class Record:
-    """Everything kept: grid, jumps, and the measurements (runs, t_k, y_k (p, ..)) of each sample."""
+    """Everything kept: grid, jumps, and the measurements (runs, t_k, y_k (p, ..)) of each sample, with their arrivals
+    (p, ..) where some are late."""
 
     grid: Grid
     sides: Sides
     measured: list[tuple[Any, Any, Any]] = field(default_factory=list)
+    arrivals: list[Array] = field(default_factory=list)
 
     def log(self) -> Log:
         places = np.arange(len(self.grid.times) - 1)
@@ -187,7 +191,8 @@ class Record:
         order = np.argsort(ids, kind="stable")
         t = np.concatenate([entry[1] for entry in self.measured])[order]
         y = np.concatenate([entry[2] for entry in self.measured], axis=1)[:, order]
-        return Samples(_offsets(ids, runs), t, y)
+        arrival = np.concatenate(self.arrivals, axis=1)[:, order] if self.arrivals else None
+        return Samples(_offsets(ids, runs), t, y, arrival)
 
 
 def paths(log: Log, samples: Samples, most: int, spacing: float, size: int, final_t: Array, final_z: Array) -> Paths:

@@ -21,7 +21,7 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.plant import Box, Plant
 from cdobs_cli.run import ESTIMATE
 
-_PURPOSES = {"initial": 0, "periods": 1, "noise": 2, "disturbance": 3}
+_PURPOSES = {"initial": 0, "periods": 1, "noise": 2, "disturbance": 3, "delays": 4}
 
 
 @dataclass(frozen=True)

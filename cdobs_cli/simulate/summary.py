@@ -38,7 +38,8 @@ def trajectory(loop: ClosedLoop, watch: Watch, paths: Paths, samples: Samples, r
     inputs |= {name: values for name, values in seen.signals.items() if name.startswith("d.")}
     estimates = {name: rows.T for name, rows in seen.estimates.items()}
     t_k, y_k = samples.t[sampled], samples.y[:, sampled].T
-    return Trajectory(t, seen.x.T, estimates, dict(seen.internals), t_k, y_k, inputs, watch.stopped[run])
+    arrival = None if samples.arrival is None else samples.arrival[:, sampled].T
+    return Trajectory(t, seen.x.T, estimates, dict(seen.internals), t_k, y_k, inputs, watch.stopped[run], arrival)
 
 
 def _own(offsets: Integers, run: int) -> slice:

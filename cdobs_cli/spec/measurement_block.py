@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag
 
+from cdobs_cli.delays import Delay
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact
 from cdobs_cli.fields import NonNegativeNumber, PositiveNumber, Rows
@@ -15,6 +16,7 @@ from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.sensors import Gains, Sensor
 from cdobs_cli.spec.block import Block
 from cdobs_cli.spec.boxes import MAX_STATES, ordered, shape_problem
+from cdobs_cli.spec.delay_field import DELAY_WORDS, DelayField, Use, delays_problems, listed, overtaking_problem
 from cdobs_cli.spec.noise_block import NoiseBlock, noise_problems
 from cdobs_cli.spec.plant_block import PlantBlock
 from cdobs_cli.spec.sensors_block import (
@@ -79,6 +81,10 @@ class MeasurementBlock(Block):
     sampling: SamplingField | None = None
     noise: NoiseBlock | None = None
     lost: LostBlock | None = None
+    delay: Annotated[DelayField | None, Field(description=DELAY_WORDS)] = None
+    delays: Annotated[
+        Use | None, Field(description="What is done on arrival: the estimate is computed again from the stamp on.")
+    ] = None
     sensors: Annotated[
         SensorsField | None,
         Field(description="Instead of C, sampling and noise: sensors by name, with periods of their own."),
@@ -95,11 +101,18 @@ class MeasurementBlock(Block):
         """Whether it says when samples come."""
         return self.sampling is not None or self.sensors is not None
 
+    @property
+    def has_delay(self) -> bool:
+        """Whether a delay is typed."""
+        return self.delay is not None or any(one.delay is not None for one in (self.sensors or {}).values())
+
 
 def measurement_problems(
     measurement: MeasurementBlock, wrong_fields: set[str], plant: PlantBlock | None, states: tuple[str, ...] | None
 ) -> Iterator[Problem]:
     """C against the number of states, noise against the number of outputs, periods in order; sensors one by one."""
+    if not wrong_fields & {"delay", "sensors"}:
+        yield from delays_problems(measurement.delays, measurement.has_delay, ("measurement", "delays"))
     if measurement.sensors is not None or "sensors" in wrong_fields:
         dynamics = None if plant is None else plant.dynamics is not None
         yield from _beside_sensors(measurement, plant)
@@ -130,6 +143,8 @@ def measurement_problems(
     if isinstance(law, Aperiodic) and not ordered(law.shortest, law.max_period):
         at, what = ("measurement", "sampling", "min_period"), "min_period is above max_period"
         yield Problem(at, what, str(law.shortest), f"at most {law.max_period}")
+    if measurement.delay is not None:
+        yield from _delay_problems(measurement.delay, law)
     if measurement.lost is not None:
         yield from _loss_problems(measurement.lost, wrong_fields)
     if measurement.lost is not None and law is not None and not isinstance(law, Periodic):
@@ -142,7 +157,7 @@ def measurement_problems(
 
 def _beside_sensors(measurement: MeasurementBlock, plant: PlantBlock | None) -> Iterator[Problem]:
     """What each sensor has for itself."""
-    for name in ("C", "sampling", "noise", "lost"):
+    for name in ("C", "sampling", "noise", "lost", "delay"):
         if getattr(measurement, name) is not None:
             taken = "period, offset" if name == "sampling" else name
             hint = f"give it to each sensor: {taken}"
@@ -171,6 +186,23 @@ def _loss_problems(lost: LostBlock, wrong_fields: set[str]) -> Iterator[Problem]
         )
     if lost.probability is not None and (lost.probability - Exact(1)).sign() != -1:
         yield Problem((*at, "probability"), "a probability below 1 is expected", str(lost.probability), "0 to 1, not 1")
+
+
+def _delay_problems(delay: tuple[Exact, Exact], law: SamplingField | None) -> Iterator[Problem]:
+    at = ("measurement", "delay")
+    if isinstance(law, Updated):
+        what = "does not go with instants that the observer chooses: it would choose them by a late estimate"
+        yield Problem(at, what, hint="write sampling: {period: ..}, or {min_period: .., max_period: ..}")
+    elif isinstance(law, Aperiodic):
+        yield from overtaking_problem(delay, law.shortest, at)
+
+
+def late(measurement: MeasurementBlock, outputs: int) -> tuple[Delay, ...]:
+    """The nouns of the delays, of a block without problems; none where nothing is late."""
+    if measurement.sensors is None:
+        return listed([("", outputs)], {"": measurement.delay})
+    sensors = measurement.sensors
+    return listed([(name, one.rows) for name, one in sensors.items()], {k: one.delay for k, one in sensors.items()})
 
 
 def sampling_law(measurement: MeasurementBlock, outputs: int | None) -> SamplingLaw:

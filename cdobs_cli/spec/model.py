@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from pydantic import BaseModel, Field
 from pydantic_core import PydanticCustomError
 
+from cdobs_cli.codec import OPTIONAL
 from cdobs_cli.errors import Problem, SpecError
 from cdobs_cli.exact.budget import READING, WorkError, budget
 from cdobs_cli.exact.expression import Expression, Number
@@ -27,7 +28,7 @@ from cdobs_cli.spec.block import Block, Text, is_identifier, placed, read_block
 from cdobs_cli.spec.boxes import MAX_STATES
 from cdobs_cli.spec.expect import Expectation, ExpectBlock, expect_problems, expectation
 from cdobs_cli.spec.limits import limit_problems
-from cdobs_cli.spec.measurement_block import MeasurementBlock, measurement_problems, sampling_law, together
+from cdobs_cli.spec.measurement_block import MeasurementBlock, late, measurement_problems, sampling_law, together
 from cdobs_cli.spec.plant_block import MAX_PARAMETERS, LabelsBlock, PlantBlock, plant_problems, typed_plant
 from cdobs_cli.spec.plant_file import read_plant_file
 from cdobs_cli.spec.reader import MAX_PROBLEMS, Document, FieldPath, read, shown
@@ -91,6 +92,7 @@ class Spec:
         """The content that results depend on, as JSON: exact numbers as text; comments and title do not show."""
         plant = canonical(self.typed or self.plant)
         measurement = {name: plant.pop(name) for name in ("C", "sampling", "noise", "covariance")}
+        measurement |= {"delays": plant.pop("delays")} if "delays" in plant else {}
         rest = {name: canonical(getattr(self, name)) for name in ("observer", "simulation", "expect")}
         if self.choice is not None:
             rest["observer"] = canonical(self.choice.block)
@@ -108,7 +110,8 @@ def canonical(value: Any) -> Any:
     if isinstance(value, BaseModel):
         return {name: canonical(getattr(value, name)) for name in type(value).model_fields}
     if is_dataclass(value):
-        return {part.name: canonical(getattr(value, part.name)) for part in fields(value)}
+        told = ((part, getattr(value, part.name)) for part in fields(value))
+        return {part.name: canonical(one) for part, one in told if one or not part.metadata.get(OPTIONAL)}
     if isinstance(value, Mapping):
         return {str(name): canonical(value[name]) for name in value}
     if isinstance(value, frozenset | set):
@@ -219,6 +222,7 @@ class _Loader:
                 outputs=_outputs(plant, measurement),
                 disturbed=plant is None or plant.disturbance is not None or "disturbance" in plant_wrong,
                 noisy=measurement is None or measurement.noise is not None or "noise" in measurement_wrong, law=law,
+                late=measurement is None or measurement.has_delay or bool(measurement_wrong & {"delay", "sensors"}),
             )  # fmt: skip
         report, _ = self.section(ReportBlock, root.get("report"), "report", {})
         expect = self.expectations(root.get("expect"))
@@ -226,8 +230,9 @@ class _Loader:
             raise self.fail()
 
         names = tuple(context["coordinates"])
-        law = sampling_law(measurement, _outputs(plant, measurement))
-        typed = typed_plant(plant, measurement.C, law, measurement.noise, names)
+        outputs = _outputs(plant, measurement)
+        law, delays = sampling_law(measurement, outputs), late(measurement, outputs or 0)
+        typed = typed_plant(plant, measurement.C, law, measurement.noise, names, delays)
         asked = None if simulation is None else plan(simulation)
         self.problems += () if asked is None else limit_problems(typed, asked)
         final, run, coordinates = self.derive(typed, asked)

@@ -8,6 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Discriminator, Tag, WithJsonSchema
 
+from cdobs_cli.delays import Delay
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.numbers import ExactMatrix
@@ -178,14 +179,19 @@ def _name_problems(plant: PlantBlock) -> Iterator[Problem]:
 
 
 def typed_plant(
-    plant: PlantBlock, C: ExactMatrix | None, sampling: SamplingLaw, noise: NoiseBlock | None, names: tuple[str, ...]
+    plant: PlantBlock,
+    C: ExactMatrix | None,
+    sampling: SamplingLaw,
+    noise: NoiseBlock | None,
+    names: tuple[str, ...],
+    delays: tuple[Delay, ...] = (),
 ) -> Plant | TypedDynamics:
     """The noun behind a block without problems; `names` are of the states that A and phi are in."""
     assert plant.states is not None
     n = len(plant.states)
     blocks = (plant.inputs or {}).items()
     common: dict[str, Any] = {
-        "states": plant.states, "B": plant.B, "sampling": sampling,
+        "states": plant.states, "B": plant.B, "sampling": sampling, "delays": delays,
         "inputs": tuple(Input(name, None if one is None else one.range) for name, one in blocks),
         "domain": Domain() if plant.domain is None else plant.domain.domain(),
         "disturbance": None if plant.disturbance is None else plant.disturbance.box,

@@ -19,6 +19,7 @@ from cdobs_cli.sampling import share_of
 from cdobs_cli.sensors import MAX_LOST, MAX_PHASES, MAX_SENSORS, Sensor, hyperperiod, is_bounded
 from cdobs_cli.spec.block import Block, Name
 from cdobs_cli.spec.boxes import MAX_STATES, ordered, shape_problem
+from cdobs_cli.spec.delay_field import DELAY_WORDS, DelayField
 from cdobs_cli.spec.noise_block import NoiseBlock, noise_problems
 from cdobs_cli.spec.reader import FieldPath
 
@@ -60,6 +61,7 @@ class SensorBlock(Block):
         None
     )
     noise: Annotated[NoiseBlock | None, Field(description="Of its outputs; none where left out.")] = None
+    delay: Annotated[DelayField | None, Field(description=f"{DELAY_WORDS} At once where left out.")] = None
 
     @property
     def is_reversed(self) -> bool:

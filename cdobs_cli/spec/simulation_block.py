@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field, PlainValidator, ValidationInfo, WithJsonSchema
 
@@ -85,11 +85,16 @@ class SimulationBlock(Block):
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = 0
     signals: SignalsBlock | None = None
     sampling_times: Annotated[Expression, formula("t_k")] | None = None
+    delays: Annotated[
+        Literal["random", "latest"] | None,
+        Field(description="Of late measurements: drawn uniformly from their intervals, or as late as may be."),
+    ] = None
 
 
 def simulation_problems(
     simulation: SimulationBlock, wrong_fields: set[str], *, states: tuple[str, ...] | None,
     inputs: tuple[str, ...] | None, outputs: int | None, disturbed: bool, noisy: bool, law: SamplingLaw | None,
+    late: bool,
 ) -> Iterator[Problem]:  # fmt: skip
     """Lengths, a start, a number of samples that can be run, a signal for what needs one."""
     at = ("simulation",)
@@ -110,6 +115,8 @@ def simulation_problems(
     longest = None if law is None or law.is_updated else law.period * Exact(MAX_SAMPLES)
     if horizon is not None and longest is not None and not ordered(horizon, longest):
         yield Problem((*at, "horizon"), "too many samples", str(horizon), f"at most {MAX_SAMPLES} periods")
+    if simulation.delays is not None and not late:
+        yield Problem((*at, "delays"), "needs measurements that arrive late: measurement.delay, which is not given")
     signals = simulation.signals or SignalsBlock.model_construct()
     for i, expression in enumerate(signals.v or ()):
         yield from _draw_problems(expression, (*at, "signals", "v", i))
@@ -163,4 +170,7 @@ def plan(block: SimulationBlock) -> SimulationPlan:
     times = block.sampling_times
     typed_times = None if times is None else times.substitute({"t_k": Variable("t")})
     box, start = None if block.initial_box is None else block.initial_box.box(), block.initial_estimate
-    return SimulationPlan(block.horizon, block.initial_state, box, start, block.runs, block.seed, signals, typed_times)
+    return SimulationPlan(
+        block.horizon, block.initial_state, box, start, block.runs, block.seed, signals, typed_times,
+        block.delays == "latest",
+    )  # fmt: skip

@@ -9,15 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 from example_inclusions import impulsive, plant
+from flint import arb
 from scipy.linalg import expm, solve_discrete_lyapunov
 
 from cdobs_cli.certify.accuracy import sized
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.graph_size import GraphMeanSquare, GraphPeak
-from cdobs_cli.certify.methods.response import MeanSquareResponse, PeakResponse, error_sizes
+from cdobs_cli.certify.methods.response import Cell, Loop, MeanSquareResponse, PeakResponse, error_sizes
+from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.hybrid import corrected_copy_noise
-from cdobs_cli.plant import Box
+from cdobs_cli.plant import Box, Slopes
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.sensors import Gains, Sensor
 
@@ -58,10 +60,16 @@ def pendulum(low: Any, high: Any, **declared: Any) -> Question:
     return noisy(Question(impulsive(made, PENDULUM_GAINS)), **declared)
 
 
+def flow(question: Question, v: float = 0.0) -> Any:
+    """A with the slopes that are constant, the others at v."""
+    lower, upper = question.plant.slopes.lower.floats, question.plant.slopes.upper.floats
+    return question.plant.A.floats + np.where(lower == upper, lower, v)
+
+
 def pieces(question: Question, v: float = 0.0, steps: int = 40) -> list[tuple[Any, Any, Any]]:
     """Of each sample of a hyperperiod J and K, and the flow over a step of the gap after it, by numpy alone."""
     made, scheme = question.plant, question.law
-    A = made.A.floats + (made.slopes.upper.floats != made.slopes.lower.floats) * v
+    A = flow(question, v)
     split = scheme.split(question.gain("K"), made.p)
     gaps = [float(gap) for gap in scheme.gaps]
     return [
@@ -77,7 +85,7 @@ def largest_error(question: Question, v: float = 0.0, steps: int = 12) -> Any:
     v0 = np.zeros(made.p) if made.noise is None else np.array(made.noise.float_sizes)
     d0 = np.zeros(made.n) if made.disturbance is None else np.array(made.disturbance.float_sizes)
     most, n = np.zeros(made.n), made.n
-    A = made.A.floats + (made.slopes.upper.floats != made.slopes.lower.floats) * v
+    A = flow(question, v)
 
     def over(h: float) -> Any:
         return expm(np.block([[A, np.eye(n)], [np.zeros((n, 2 * n))]]) * h)[:n, n:]
@@ -105,7 +113,7 @@ def root_mean_squares(question: Question, steps: int = 40) -> Any:
     made, of = question.plant, pieces(question, steps=steps)
     R = np.zeros((made.p, made.p)) if made.covariance is None else made.covariance.floats
     Q = np.zeros((made.n, made.n)) if made.intensity is None else made.intensity.floats
-    A = made.A.floats
+    A = flow(question)
 
     def through(Sigma: Any) -> Any:
         """From just before the first sample to just before it again, and the most on the way."""
@@ -141,6 +149,76 @@ def test_the_response_of_a_linear_plant_is_nearly_attained(declared: dict[str, A
     bounds = np.array([float(one) for one in sizes.bounds])
     print(bounds / exact)
     assert (bounds >= exact * (1 - 1e-9)).all() and (bounds <= 1.12 * exact).all()
+
+
+def uneven(low: Any = "-4", high: Any = "-4", **declared: Any) -> Question:
+    """An oscillation whose gaps are all different: 0.1, 0.3, 0.4 after the samples of x, v, x."""
+    lower, upper = [[0, 0], [low, 0]], [[0, 0], [high, 0]]
+    made = plant([[0, 1], [0, "-0.2"]], lower, upper, [[1, 0], [0, 1]], law("0.4", ((0,), 1, 0), ((1,), 2, "1/4")))
+    K = [["0.4", "0.1", "0.3"], ["0.2", "0.3", "-0.1"]]
+    return noisy(Question(impulsive(made, K)), **declared)
+
+
+@pytest.mark.parametrize("width", [0.05, 0.4, 3.0])
+@pytest.mark.parametrize("signal", range(4))
+def test_gains_of_each_signal_are_no_less_than_they_are(signal: int, width: float) -> None:
+    """However coarse the cells: |d_j| <= 1, |v_j| <= 1, one at a time, and white ones of variance 1."""
+    which = [int(k == signal % 2) for k in range(2)]
+    signals = {"disturbance" if signal < 2 else "noise": box(*which)}
+    question = uneven(**signals)
+    loop = Loop.of(question.inclusion, width, 10**6)
+    assert loop is not None
+    exact = largest_error(question)
+    for turns in (1, 2, 8):
+        most = loop.most(turns)
+        assert most is not None
+        free, gains = (np.array([float(one) for one in most[0]]), most[1].floats[:, signal])
+        assert (free >= exact * (1 - 1e-9)).all() and (gains >= exact * (1 - 1e-9)).all()
+        assert width > 0.05 or turns < 8 or (free <= 1.1 * exact).all()
+    unit = ExactMatrix([[which[0], 0], [0, which[1]]])
+    white = uneven(**{"intensity" if signal < 2 else "covariance": unit})
+    exact, loop = root_mean_squares(white), Loop.of(white.inclusion, width, 10**6)
+    assert loop is not None
+    for turns in (1, 2, 8):
+        most = loop.most(turns)
+        assert most is not None and (np.array([float(one) for one in most[0]]) >= exact * (1 - 1e-9)).all()
+
+
+def test_what_acts_since_the_last_sample_counts() -> None:
+    """The first sample erases all error, the second corrects nothing: what is left came since the first."""
+    zero, C = [[0, 0], [0, 0]], [[1, 0], [0, 1], [1, 0]]
+    made = plant([[0, 1], [-4, "-0.2"]], zero, zero, C, law("0.4", ((0, 1), 1, 0), ((2,), 1, "1/2")))
+    question = noisy(Question(impulsive(made, [[1, 0, 0], [0, 1, 0]])), disturbance=box(0, 1))
+    loop = Loop.of(question.inclusion, 3.0, 10**6)
+    most = None if loop is None else loop.most(1)
+    assert most is not None
+    exact = largest_error(question)
+    assert (np.array([float(one) for one in most[0]]) >= exact).all() and (most[1].floats[:, 1] >= exact).all()
+
+
+@pytest.mark.parametrize("h", [0.1, 1.0, 4.0])
+def test_what_changes_its_sign_within_a_cell_is_not_taken_off(h: float) -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        A, R = rng.standard_normal((3, 3)), rng.standard_normal((2, 3))
+        cell = Cell.of(Matrix.from_floats(A), arb(h), None)
+        times = (np.arange(400) + 0.5) * h / 400
+        exact = sum(np.abs(R @ expm(A * t)) for t in times) * h / 400
+        assert (cell.across(Matrix.from_floats(R)).floats >= exact * (1 - 1e-3)).all()
+
+
+def test_slopes_of_outputs_add_what_they_do() -> None:
+    """x is measured with any factor in [0.8, 1.2], constant here."""
+    noise = box("0.01", "0.01")
+    H = Slopes(ExactMatrix([["0.8", 0], [0, 1]]), ExactMatrix([["1.2", 0], [0, 1]]))
+    free = (Exact(0).expression,) * 2
+    sizes = error_sizes(uneven(noise=noise, h=free, H=H).inclusion)
+    fixed = error_sizes(uneven(noise=noise).inclusion)
+    assert sizes is not None and fixed is not None
+    for factor in ("0.8", "1.2"):
+        at = uneven(noise=noise, C=ExactMatrix([[factor, 0], [0, 1]]))
+        assert (np.array([float(one) for one in sizes.bounds]) >= largest_error(at)).all()
+    assert all(one > 1.05 * known for one, known in zip(sizes.bounds, fixed.bounds, strict=True))
 
 
 WHITE = [

@@ -58,6 +58,7 @@ class LpvZeroOrderHold(ConstantGain):
     error_source: ClassVar[str] = "Boukal2020, (24)"
     rate_share: ClassVar[float] = 0.002
     with_rates: ClassVar[bool] = True
+    takes_delays: ClassVar[Literal["none", "one", "several"]] = "one"
 
     family: Literal["lpv_zoh"] = "lpv_zoh"
     objective: Objective = "given_period"
@@ -79,6 +80,12 @@ class LpvZeroOrderHold(ConstantGain):
         from cdobs_cli.families.lpv_zoh.theorems import held_noise_maps, noise_maps
 
         return held_noise_maps(view) if view.outputs else noise_maps(view)
+
+    def late_maps(self, view: PlantView[Any]) -> tuple[ErrorMaps[Any], NoiseMaps[Any]]:
+        """Over (e, r), r the innovation that is held while samples are under way."""
+        from cdobs_cli.families.lpv_zoh.theorems import held_maps, held_noise_maps
+
+        return held_maps(view), held_noise_maps(view)
 
     def observer(self, plant: Plant, design: Design) -> Observer:
         from cdobs_cli.families.lpv_zoh.observer import observer

@@ -59,6 +59,8 @@ def _held_outputs(plant: Plant, run: Run | None) -> list[Chart]:
     """The measurement y(t_k) and the observer's own output C x_hat(t_k), or h, both held, and their difference."""
     if run is None or not run.trajectories or not len(run.trajectories[0].t_k):
         return []
+    if plant.delays:  # the innovation of a sample is not known at its stamp
+        return []
     import numpy as np
 
     first = run.trajectories[0]

@@ -91,6 +91,7 @@ class Reachability(ConstantGain):
 
     takes_losses: ClassVar[bool] = True
     takes_sensors: ClassVar[bool] = True
+    takes_delays: ClassVar[Literal["none", "one", "several"]] = "several"
     family: Literal["reachability"] = "reachability"
     objective: Objective = "given_period"
     method: Literal["best", "set", "clock"] = "best"
