@@ -41,6 +41,8 @@ class Family(BaseModel, ABC):
     takes_losses: ClassVar[bool] = False
     # Whether sensors may have periods and offsets of their own.
     takes_sensors: ClassVar[bool] = False
+    # Whether sensors may send when their outputs leave their predictions.
+    takes_on_change: ClassVar[bool] = False
 
     @classmethod
     def example(cls) -> str:
@@ -65,6 +67,11 @@ class Family(BaseModel, ABC):
         if law.is_multirate and not self.takes_sensors:
             what = "family reachability takes sensors with periods or offsets of their own"
             more = "or read all of them at one period: C, sampling: {period: ..}"
+            yield Problem(("measurement", "sensors"), what, self.name, hint=f"write family: reachability, {more}")
+
+        if law.is_on_change and not self.takes_on_change:
+            what = "family reachability takes sensors that send on change"
+            more = "or read the sensors at periods: sensors: {<name>: {.., period: ..}}"
             yield Problem(("measurement", "sensors"), what, self.name, hint=f"write family: reachability, {more}")
 
     def problems(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:

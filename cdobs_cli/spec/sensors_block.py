@@ -13,18 +13,21 @@ from cdobs_cli.exact.expression import ZERO, Expression, Variable
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
 from cdobs_cli.fields import NonNegativeNumber, PositiveNumber, Rows, formula, sized, wrong
 from cdobs_cli.plant import weighted
+from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.sensors import MAX_PHASES, MAX_SENSORS, Sensor, hyperperiod, is_bounded
 from cdobs_cli.spec.block import Block, Name
 from cdobs_cli.spec.boxes import MAX_STATES, shape_problem
 from cdobs_cli.spec.noise_block import NoiseBlock, noise_problems
 from cdobs_cli.spec.reader import FieldPath
+from cdobs_cli.thresholds import Threshold
 
 AT: FieldPath = ("measurement", "sensors")
 _Outputs = Annotated[tuple[Annotated[Expression, formula("states", "inputs")], ...], sized(1, MAX_STATES)]
 
 
 class SensorBlock(Block):
-    """What one sensor measures, every `period` from `offset` on."""
+    """What one sensor measures, every `period` from `offset` on; or, with `send_on_delta`, when it is far from its
+    prediction."""
 
     C: Annotated[Rows | None, Field(description="Its rows: it measures C x.")] = None
     output: Annotated[
@@ -34,7 +37,27 @@ class SensorBlock(Block):
     offset: Annotated[
         NonNegativeNumber | None, Field(description="When it is read first, below its period; 0 where left out.")
     ] = None
-    noise: Annotated[NoiseBlock | None, Field(description="Of its outputs; none where left out.")] = None
+    noise: Annotated[
+        NoiseBlock | None,
+        Field(
+            description="Of its outputs; none where left out. Of a sensor that sends on change it is drawn, in a "
+            "simulation, after each message and held until the next, or drawn at each comparison."
+        ),
+    ] = None
+    send_on_delta: Annotated[
+        PositiveNumber | None,
+        Field(
+            description="Instead of a period: it sends when its output y is so far from C x_hat, which it knows by a "
+            "copy of the observer. Of one output."
+        ),
+    ] = None
+    check_every: Annotated[
+        PositiveNumber | None,
+        Field(
+            description="With send_on_delta: it compares at multiples of this time, from 0 on; all the time where "
+            "left out. The same of all sensors."
+        ),
+    ] = None
 
     @property
     def first(self) -> Exact:
@@ -95,15 +118,27 @@ def sensor_problems(
     if rows > MAX_STATES:
         yield Problem(AT, f"at most {MAX_STATES} outputs are taken", str(rows))
     yield from _noise_kinds(sensors)
-    if sensors and all(sensor.period is not None for sensor in sensors.values()):
+    if sends_on_change(sensors):
+        yield from _on_change_problems(sensors)
+    elif sensors and all(sensor.period is not None for sensor in sensors.values()):
         yield from _schedule_problems(sensors)
 
 
 def _problems_of_one(
     sensor: SensorBlock, at: FieldPath, states: tuple[str, ...] | None, dynamics: bool | None
 ) -> Iterator[Problem]:
-    if sensor.period is None:
-        yield Problem((*at, "period"), "is required")
+    if sensor.send_on_delta is not None:
+        for name in ("period", "offset"):
+            if getattr(sensor, name) is not None:
+                what, hint = "does not go with send_on_delta", "check_every says how often it compares"
+                yield Problem((*at, name), what, hint=hint)
+        if sensor.rows > 1:
+            what, hint = "one output sends for itself", "write a sensor for each, with thresholds of their own"
+            yield Problem((*at, "send_on_delta"), what, f"{sensor.rows} outputs", "1 output", hint)
+    elif sensor.check_every is not None:
+        yield Problem((*at, "check_every"), "goes with send_on_delta, which is not given")
+    if sensor.period is None and sensor.send_on_delta is None:
+        yield Problem((*at, "period"), "is required", hint="or send_on_delta: it sends when its output has changed")
     typed = [name for name in ("C", "output") if getattr(sensor, name) is not None]
     if len(typed) != 1:
         allowed = "output: [..] or C: [[..]]" if dynamics else "C: [[..]]"
@@ -118,6 +153,30 @@ def _problems_of_one(
     if sensor.period is not None and (sensor.period - sensor.first).sign() != 1:
         what, hint = "is not below the sensor's period", "an offset says when the sensor is read first"
         yield Problem((*at, "offset"), what, str(sensor.first), f"0 to {sensor.period}, which is left out", hint)
+
+
+def sends_on_change(sensors: Mapping[str, SensorBlock]) -> bool:
+    """Whether one of them does: then all do, or there are problems."""
+    return any(sensor.send_on_delta is not None for sensor in sensors.values())
+
+
+def _on_change_problems(sensors: Mapping[str, SensorBlock]) -> Iterator[Problem]:
+    """All of them send on change, and compare at the same times."""
+    times = [sensor.check_every for sensor in sensors.values() if sensor.send_on_delta is not None]
+    first = times[0]
+    for name, sensor in sensors.items():
+        every = sensor.check_every
+        if sensor.send_on_delta is None:
+            if sensor.period is not None:
+                what = "all sensors send on change, or none: periods are not mixed with thresholds"
+                yield Problem((*AT, name, "period"), what, hint="write send_on_delta for each, or a period for each")
+        elif (every is None) != (first is None) or (
+            every is not None and first is not None and every != first and (every - first).sign() != 0
+        ):
+            what = "sensors that send on change compare at the same times"
+            got, allowed = ("all the time" if one is None else str(one) for one in (every, first))
+            at = (*AT, name) if every is None else (*AT, name, "check_every")
+            yield Problem(at, what, got, allowed)
 
 
 def _noise_kinds(sensors: Mapping[str, SensorBlock]) -> Iterator[Problem]:
@@ -163,6 +222,16 @@ def shortest_period(sensors: Mapping[str, SensorBlock]) -> Exact:
     """Of all sensors."""
     periods = [sensor.period for sensor in sensors.values() if sensor.period is not None]
     return min(periods, key=float)
+
+
+def thresholds(sensors: Mapping[str, SensorBlock]) -> SamplingLaw:
+    """The law of sensors that send on change; one without a threshold is left out."""
+    found, every = [], None
+    for sensor, (name, block) in enumerate(sensors.items()):
+        if block.send_on_delta is not None:
+            found.append(Threshold(name, sensor, block.send_on_delta))
+            every = every or block.check_every
+    return SamplingLaw.on_change(found, every)
 
 
 def _share(time: Exact, base: Exact) -> Fraction | None:

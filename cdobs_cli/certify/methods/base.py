@@ -173,7 +173,8 @@ class Method(ABC):
     @classmethod
     def takes_law(cls, law: SamplingLaw) -> bool:
         """Whether it is about laws of this kind: those with one jump at times that are certain are everybody's."""
-        return (cls.in_the_mean or not law.is_random) and (cls.multirate or not law.is_multirate)
+        own = law.is_on_change or (law.is_random and not cls.in_the_mean) or (law.is_multirate and not cls.multirate)
+        return not own
 
     @classmethod
     @abstractmethod
