@@ -282,7 +282,7 @@ def _converges(law: SamplingLaw) -> str:
         blind = "for every slope history in the class that does not know which samples will be lost"
         return f"The error converges to 0 in mean square, and almost surely, {blind}, sampling {law.words}."
     if law.is_on_change:
-        ball = "falls to a neighbourhood of 0 that the thresholds fix (error.<state>), and stays there"
+        ball = "falls to a neighbourhood of 0 that the thresholds fix and stays there"
         return f"The error {ball}, for every slope history in the class, sampling {law.words}."
     return f"The error converges to 0 for every slope history in the class, sampling {law.words}."
 

@@ -312,7 +312,8 @@ class _Simulation:
                 self.record.measured.append((runs[own[new]], t[own[new]], measured[:, new]))
                 sent[sensor, own] = True
             steps += 1
-        return first[sent.any(axis=0)[first]]
+        counts: Integers = sent.sum(axis=0)
+        return first[counts[first] > 0]
 
     def _draw(self, runs: Integers, t: Array, held: Array) -> None:
         """New noise for the given runs, into what they hold."""

@@ -34,7 +34,9 @@ def _asks_a_set(family: Reachability, plant: Plant) -> bool:
 
 
 def _delta_star(family: Reachability, plant: Plant) -> dict[str, Bound]:
-    if not is_chain(plant) or not plant.slopes.uncertain or not _asks_a_set(family, plant):
+    if plant.sampling.is_on_change or not is_chain(plant) or not plant.slopes.uncertain:
+        return {}
+    if not _asks_a_set(family, plant):
         return {}
     limit = set_limit(plant)
     low = lower_text(limit, 17) if limit.is_finite() else "inf" if limit > 0 else None

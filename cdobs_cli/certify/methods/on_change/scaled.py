@@ -85,14 +85,13 @@ def _sizes(flows: Array, C: Array) -> Array:
     n = C.shape[1]
     shown: Array = np.zeros(n)
     for A in flows:
-        rows: Any = C
-        factor = 1.0
+        rows, factor = C, 1.0
         for order in range(n):
             shown += (rows**2).sum(axis=0) * factor**2 / len(flows)
             rows, factor = rows @ A, factor / (order + 1)
     floor = _SMALLEST * shown.max(initial=0.0)
     size = np.where(shown > floor, shown, max(floor, 1e-300)) ** -0.5
-    powers: Array = 2.0 ** np.clip(np.round(np.log2(size)), -300, 300)
+    powers: Array = np.exp2(np.clip(np.round(np.log2(size)), -300, 300))
     return powers
 
 
