@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 M_ = TypeVar("M_", bound=Method)
 
 _DIGITS, _RATE_DIGITS = 12, 6
-_STRICT = 1e-7  # by which inequalities are to hold, in scaled units
+_STRICT = 1e-6  # by which inequalities are to hold, in scaled units
 _LARGEST = 1e6  # of P: where no error is left in the long run the least level has none
 _SCAN = tuple(2.0**k for k in range(-8, 4))  # rates, over the fastest of the plant
 _STEPS = (3, 5, 8, 12)  # halvings of the scan's step round its best rate, by effort
@@ -176,7 +176,7 @@ class Search:
         for k in range(self.shape.count):
             yield partial(lambda k, x: self._coefficients(x)[k] - strict, k)
         yield lambda x: largest - self._end(x)
-        yield lambda x: silent_gap(self._enlarged(x)[0], self._coefficients(x)[0], self._outputs(x, "nu"))
+        yield lambda x: silent_gap(self._enlarged(x)[0], self._coefficients(x)[0], self._outputs(x, "nu")) - strict
         if self.is_checked:
             yield lambda x: self._outputs(x, "mu") - x["D0"] - strict
             yield from self._between(self._coefficients, rate, "gamma")
@@ -190,7 +190,7 @@ class Search:
         """N - e_j e_j', or X >= N^-1."""
         N, identity = self._enlarged(x)[k], np.eye(self.n)
         if self.aim.state is not None:
-            return N - np.outer(identity[self.aim.state], identity[self.aim.state])
+            return N - np.outer(identity[self.aim.state], identity[self.aim.state]) - identity * _STRICT
         return block([[x["X"], identity], [identity, N]])
 
     def _flow(self, rate: float, A: Array, x: Values) -> Array:
@@ -268,7 +268,7 @@ def texts(found: Found, scaled: Scaled, family: Family) -> dict[str, Any] | None
     coefficients = [end + _rounded(step * scaled.h) for step in found.steps] + [end]
     back = Matrix.diagonal([1 / size for size in scaled.exact_scale])
     factor = scaled.h if found.shape.d else scaled.omega  # of mu: a comparison adds, or time does
-    N = [_rounded(one - np.eye(scaled.n) * _STRICT / 2) for one in found.N]
+    N = [_rounded(one) for one in found.N]
     mu, nu, gamma, gamma_N = (
         [_text(float(a) * unit / float(b) ** 2) for a, b in zip(values, sizes, strict=True)]
         for values, unit, sizes in (
