@@ -269,8 +269,9 @@ class _Simulation:
         before = np.concatenate([y, held])
         if not loop.compares_always or index == 0:
             self._draw(runs, t, held)
-        rounds, far = 0, self._send(runs, np.arange(len(runs)), t, y, held, sends=sends)
-        changed = far.size > 0
+        rounds, known = 0, len(self.record.measured)
+        far = self._send(runs, np.arange(len(runs)), t, y, held, sends=sends)
+        changed = len(self.record.measured) > known
         while far.size and loop.compares_always:
             if rounds >= MOST_AT_ONCE:
                 self._end(runs[far], Ending.CROWDED)
@@ -313,7 +314,7 @@ class _Simulation:
                 sent[sensor, own] = True
             steps += 1
         counts: Integers = sent.sum(axis=0)
-        return first[counts[first] > 0]
+        return first[(counts[first] > 0) & ~self.watch.halted[runs[first]]]
 
     def _draw(self, runs: Integers, t: Array, held: Array) -> None:
         """New noise for the given runs, into what they hold."""

@@ -1,5 +1,4 @@
-"""Gains of sensors that send on change: K_i = P^-1 C_i' / (C_i P^-1 C_i'), which erases what sensor i sees of e,
-of the P of least error."""
+"""Gains of sensors that send on change: K_i = c_i P^-1 C_i' / (C_i P^-1 C_i'), of the P of least error."""
 
 from __future__ import annotations
 
@@ -11,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cdobs_cli.certify import search
 from cdobs_cli.certify.gains import Candidate, GainSearch, Merit
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.on_change.certificate import OnChange
+from cdobs_cli.certify.methods.on_change.form import deltas, noise_sizes
 from cdobs_cli.certify.methods.on_change.scaled import Scaled
 from cdobs_cli.certify.methods.on_change.search import Aim, Found, Search, scan, shape_of
 from cdobs_cli.certify.methods.rung import told
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
 
 _GAIN_DIGITS = 6
-_RATE_WIDTH, _RATE_DIGITS = Fraction(1, 50), 6
+_QUIET = 0.45  # noise over threshold up to which all of the error that is seen is taken
 
 
 @dataclass(frozen=True)
@@ -61,16 +60,6 @@ class OnChangeGain(GainSearch):
     def nearest(self, question: Question) -> Candidate | None:
         return None
 
-    def fastest(self, question: Question) -> Candidate | None:
-        """By bisection on the rate."""
-
-        def at_rate(sigma: Exact) -> Candidate | None:
-            return Candidate.of(design(question.afresh().with_rate(sigma.rational or Fraction(0))), float(sigma))
-
-        scaled = Scaled.of(question)
-        first = search.short(0.5 * (1.0 if scaled is None else scaled.omega), _RATE_DIGITS)
-        return search.longest(at_rate, first, _RATE_WIDTH, digits=_RATE_DIGITS)
-
 
 def design(question: Question) -> tuple[ExactMatrix, Method] | None:
     """A gain of the least weighted error that is found, at the question's rate at least, with its certificate, or None.
@@ -97,8 +86,9 @@ def _gain(question: Question, scaled: Scaled, found: Found) -> ExactMatrix | Non
     C, S = question.plant.C, scaled.S
     Q = np.linalg.inv(found.P) * np.outer(S, S)
     rows: Array = np.array(C.floats)
+    taken = _corrections(question)
     with np.errstate(all="ignore"):
-        K = Q @ rows.T / np.einsum("ij,jk,ik->i", rows, Q, rows)
+        K = Q @ rows.T / np.einsum("ij,jk,ik->i", rows, Q, rows) * taken
     if not np.all(np.isfinite(K)):
         return None
     if len(rows) == 1:
@@ -114,11 +104,20 @@ def _gain(question: Question, scaled: Scaled, found: Found) -> ExactMatrix | Non
         size = sum((a * b for a, b in zip(row, along, strict=True)), Fraction(0))
         if size <= 0:
             return None
-        # C_i K_i = 1, where row = C_i / unit
-        unit = _unit(C, len(columns), row)
-        factor = Fraction(decimal_text(1 / (float(size) * unit), _GAIN_DIGITS))
+        # row = C_i / unit
+        unit, c = _unit(C, len(columns), row), float(taken[len(columns)])
+        factor = Fraction(decimal_text(c / (float(size) * unit), _GAIN_DIGITS))
         columns.append([value * factor for value in along])
     return ExactMatrix([[Exact(column[i]) for column in columns] for i in range(n)])
+
+
+def _corrections(question: Question) -> Array:
+    """c_i = C_i K_i: all of the error that sensor i sees, and less where noise is near half of the threshold: c =
+    1 - vbar / delta takes most from V at the worst noise, and something as long as noise is below the threshold."""
+    plant = question.plant
+    share = np.array([float(v) / float(delta) for v, delta in zip(noise_sizes(plant), deltas(plant), strict=True)])
+    taken: Array = np.where(share < _QUIET, 1.0, 1.0 - share)
+    return taken
 
 
 def _unit(C: ExactMatrix, i: int, row: list[Fraction]) -> float:
