@@ -384,3 +384,28 @@ def test_messages_are_counted() -> None:
         if abs(e[0]) >= 1:
             e, count = e - K[:, 0] * e[0], count + 1
     assert 0.02 * often < count / (20000 * dt) <= often
+
+
+def test_a_digit_of_the_gain_or_of_a_threshold_takes_the_proof_along() -> None:
+    card, about = Reachability(), pendulum(law("0.1"), noise=box("0.01"))
+    made = card.finished(about, card.synthesize(about, 1), 1)
+    check = judge(card, about, made, 1)
+    assert check.verdict == "proved" and {"error.x0", "error.x1", "decay_rate"} == check.bounds.keys()
+    assert not check.envelope and not made.front
+    K = made.gain["K"]
+    turned = replace(made, gain={"K": ExactMatrix([[K[0, 0]], [K[1, 0] + Exact("1e-5")]])})
+    assert judge(card, about, turned, 1).verdict == "undecided"
+    wider = replace(about, sampling=law("0.11"))
+    assert judge(card, wider, replace(made, sampling=law("0.11")), 1).verdict == "undecided"
+    lower = [replace(one, data={**one.data, "mu": ["0"]}) for one in made.certificates if "mu" in one.data]
+    assert judge(card, about, replace(made, certificates=tuple(lower)), 1).verdict == "undecided"
+
+
+def test_errors_on_the_way_hold_under_noise() -> None:
+    card, about = Reachability(), pendulum(law("0.1"), noise=box("0.01"), disturbance=box(0, "0.1"))
+    made = card.synthesize(about, 1)
+    (noisy,) = card.noisy_transients(about, made)
+    (quiet,) = card.transients(about, made)
+    assert [float(a) for a in noisy(box(1, 1))] == [float(a) for a in quiet(box(1, 1))]
+    finally_ = errors(asked(about, made.gain["K"]))
+    assert all(float(a) >= finally_[name] * 0.99 for a, name in zip(noisy(box(0, 0)), about.states, strict=True))
