@@ -228,7 +228,7 @@ def _problems_of_one(
 def _problems_of_times(sensor: SensorBlock, at: FieldPath) -> Iterator[Problem]:
     if sensor.period is None and sensor.max_period is None:
         given = sensor.min_period is not None
-        hint = None if given else "or min_period and max_period, or send_on_delta: it sends when its output has changed"
+        hint = None if given else "or send_on_delta: it sends when its output has changed; or min_period and max_period"
         yield Problem((*at, "max_period" if given else "period"), "is required", hint=hint)
     if sensor.period is not None and (sensor.max_period is not None or sensor.min_period is not None):
         what, hint = "period does not go with min_period and max_period", "write the one or the others"
