@@ -130,6 +130,8 @@ def filter_of(plant: Plant, run: Run, plan: SimulationPlan) -> Observer:
     """The filter for what is declared. Raises: NoFilterError."""
     if plant.n > MAX_STATES or plant.p > MAX_OUTPUTS:
         raise NoFilterError(f"The filter is run beside for up to {MAX_STATES} states and {MAX_OUTPUTS} outputs.")
+    if plant.sampling.is_on_change:
+        raise NoFilterError("There is no filter beside: when sensors send hangs on this observer's estimate.")
     R = plant.covariance if plant.noise is None else _uniform(plant.noise)
     quiet = [k for k in range(plant.p) if R is None or R[k, k].sign() != 1]
     if R is None or quiet:

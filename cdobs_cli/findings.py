@@ -104,7 +104,7 @@ def _place(spec: Spec, claim: str) -> FieldPath:
         return ("plant", "dynamics" if spec.typed else "phi")
     if getattr(spec.observer, "gain", None) is not None:
         return ("observer", "gain")
-    if spec.plant.sampling.is_multirate:
+    if spec.plant.sampling.has_sensors or spec.plant.sampling.is_on_change:
         return ("measurement", "sensors")
     return ("measurement", "sampling", _PLACES.get(spec.plant.sampling.kind, "period"))
 

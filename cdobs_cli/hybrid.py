@@ -343,6 +343,9 @@ class Observer:
         estimates: what is reported, by name: {"x_hat": n expressions} or {"x_lower": .., "x_upper": ..}.
         control: inputs held from one sample to the next: name -> expression evaluated right after the jump.
         internals: further outputs worth a figure, by name, e.g. {"L": ..}.
+        compares: of sensors that send on change |y - C x_hat| / delta - 1 of each, over its states and `y.0`, ..: it
+            sends when that reaches 0, and `jumps` are those of the sensors. compared_always: whether they compare all
+            the time; else at the instants of the sampling law.
         stops: conditions `expression <= 0` under which a run ends with a finding: (expression, sentence).
     """
 
@@ -357,6 +360,8 @@ class Observer:
     internals: Mapping[str, Expression] = field(default_factory=dict)
     stops: tuple[tuple[Expression, str], ...] = ()
     jumps: tuple[tuple[Expression, ...], ...] = ()
+    compares: tuple[Expression, ...] = ()
+    compared_always: bool = True
 
 
 @dataclass(frozen=True)
@@ -400,6 +405,12 @@ class HybridSystem:
         if not self.plant.is_noisy:
             return rows
         return tuple(row + Variable(f"v.{k}") for k, row in enumerate(rows))
+
+    @property
+    def compares(self) -> tuple[Expression, ...]:
+        """What sensors that send on change compare, over states, inputs and `v.0`, .."""
+        measured = {f"y.{k}": row for k, row in enumerate(self.measurement)}
+        return tuple(row.substitute(measured) for row in self.observer.compares)
 
     @property
     def jumps(self) -> tuple[tuple[Expression, ...], ...]:

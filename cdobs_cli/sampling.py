@@ -9,11 +9,13 @@ from functools import cached_property
 from typing import Any, Literal
 
 from cdobs_cli import sensors as schedule
+from cdobs_cli import thresholds as sent
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
 from cdobs_cli.graph import Graph, graph
 from cdobs_cli.sensors import GAINS, MAX_LOST, Gains, Phase, Reading, Sensor
+from cdobs_cli.thresholds import Threshold
 
-SamplingKind = Literal["periodic", "aperiodic", "lossy", "random", "multirate", "graph", "updated"]
+SamplingKind = Literal["periodic", "aperiodic", "lossy", "random", "multirate", "graph", "updated", "on_change"]
 
 
 @dataclass(frozen=True)
@@ -27,7 +29,8 @@ class SamplingLaw:
     and T_max are the shortest and longest time between two samples of any of them, `gains` says for which samples the
     observer has gains of their own; graph: the same of sensors whose samples may be lost, that keep no step, or that
     are in step after very long only: what is read when is told by the timed graph; updated: the observer chooses, both
-    are 0.
+    are 0; on_change: an output is sent when it is as far from its prediction as its `thresholds` say, compared all the
+    time (both are 0) or every T_min = T_max.
     """
 
     kind: SamplingKind
@@ -38,6 +41,13 @@ class SamplingLaw:
     sensors: tuple[Sensor, ...] = ()
     gains: Gains = "by_phase"
     base: Exact = EXACT_ZERO
+    thresholds: tuple[Threshold, ...] = ()
+
+    @staticmethod
+    def on_change(thresholds: Sequence[Threshold], check_every: Exact | None = None) -> SamplingLaw:
+        """Outputs that are sent beyond their thresholds; compared all the time where no time between is given."""
+        h = EXACT_ZERO if check_every is None else check_every
+        return SamplingLaw("on_change", h, h, thresholds=tuple(thresholds))
 
     @staticmethod
     def multirate(base: Exact, sensors: Sequence[Sensor], gains: Gains = "by_phase") -> SamplingLaw:
@@ -81,6 +91,8 @@ class SamplingLaw:
     def with_period(self, T: Exact) -> SamplingLaw:
         """The law with its period (or its largest period) replaced; a smaller T_max takes T_min along, the shortest
         period of sensors the others, and their offsets, in proportion."""
+        if self.is_on_change:
+            return self
         if self.has_sensors:
             return SamplingLaw.multirate(T, self.sensors, self.gains)
         if self.is_random:
@@ -93,7 +105,12 @@ class SamplingLaw:
     @property
     def is_periodic(self) -> bool:
         """Whether all periods are one number."""
-        return not (self.is_updated or self.is_random or self.has_sensors) and self.T_min == self.T_max
+        return not self._is_of_its_own and self.T_min == self.T_max
+
+    @property
+    def _is_of_its_own(self) -> bool:
+        """Whether an interval of certain periods does not say it all."""
+        return self.is_updated or self.is_random or self.has_sensors or self.is_on_change
 
     @property
     def is_lossy(self) -> bool:
@@ -132,6 +149,16 @@ class SamplingLaw:
     def readings(self) -> tuple[Reading, ...]:
         """What samples read that have gains of their own under `by_phase`; empty where all are alike."""
         return self.phases or (self.graph.readings if self.is_graph else ())
+
+    @property
+    def is_on_change(self) -> bool:
+        """Whether sensors send when their outputs leave their predictions."""
+        return self.kind == "on_change"
+
+    @property
+    def is_checked(self) -> bool:
+        """Whether sensors that send on change compare at multiples of a time."""
+        return self.is_on_change and self.T_max.sign() == 1
 
     @cached_property
     def phases(self) -> tuple[Phase, ...]:
@@ -195,23 +222,22 @@ class SamplingLaw:
     @property
     def is_bounded(self) -> bool:
         """Whether the periods are known to lie in an interval [T_min, T_max] with T_max > 0."""
-        known = not (self.is_updated or self.is_random or self.has_sensors)
-        return known and self.T_max.sign() == 1 and self.T_min.sign() in (0, 1)
+        return not self._is_of_its_own and self.T_max.sign() == 1 and self.T_min.sign() in (0, 1)
 
     def contains(self, other: SamplingLaw) -> bool:
         """Whether every sequence of periods of the other law is certainly one of this law."""
         if self == other:
             return True
-        if self.is_random or other.is_random or self.has_sensors or other.has_sensors:
+        if any(law.is_random or law.has_sensors or law.is_on_change for law in (self, other)):
             return False
         if self.is_lossy:
             return bool(other.multiples) and all(map(self.allows, other.multiples))
         return self.T_min.is_at_most(other.T_min) and other.T_max.is_at_most(self.T_max)
 
     def allows(self, gap: Exact) -> bool:
-        """Whether t_(k+1) - t_k may certainly be so much for ever; of samples lost by chance nothing is certain, and
-        sensors of different periods are not all read at each."""
-        if self.is_random or self.has_sensors:
+        """Whether t_(k+1) - t_k may certainly be so much for ever; of samples lost by chance or sent on change nothing
+        is certain, and sensors of different periods are not all read at each."""
+        if self.is_random or self.has_sensors or self.is_on_change:
             return False
         if self.is_lossy:
             return any(gap == one or (gap - one).sign() == 0 for one in self.multiples)
@@ -227,7 +253,9 @@ class SamplingLaw:
 
     @property
     def symbols(self) -> str:
-        """`T_k = 0.6`, `T_k in [0, 5]`, `T_k in {0.6, .., 1.8}`."""
+        """`T_k = 0.6`, `T_k in [0, 5]`, `T_k in {0.6, .., 1.8}`, `|y - C x_hat| < 0.05 between messages`."""
+        if self.is_on_change:
+            return f"|y - C x_hat| < {', '.join(str(one.delta) for one in self.thresholds)} between messages"
         if self.is_multirate:
             return f"T_k in {{{', '.join(map(str, self.gaps))}}}"
         if self.is_graph:
@@ -241,7 +269,9 @@ class SamplingLaw:
     @property
     def words(self) -> str:
         """Behind "sampling": `every 0.6`, `at periods in [0, 5]`, `every 0.6, at most 2 in a row lost`, `x every 0.1,
-        theta every 0.4 from 0.2 on`."""
+        theta every 0.4 from 0.2 on`, `on change, radar beyond 0.05, compared every 0.01`."""
+        if self.is_on_change:
+            return f"on change, {self._thresholds_text}" + (f", compared every {self.T_max}" if self.is_checked else "")
         if self.has_sensors:
             return self._sensors_text(lambda share: str(_times(self.base, share)))
         if self.is_random:
@@ -253,6 +283,8 @@ class SamplingLaw:
     @property
     def open_end(self) -> str:
         """The law without its period: `constant periods`, `periods from 0.1`, `x every T, theta every 4 T`."""
+        if self.is_on_change:
+            return self.words
         if self.has_sensors:
             told = self._sensors_text(lambda share: "T" if share == 1 else f"{share} T")
             return f"T the shortest period of the sensors, the others in proportion: {told}"
@@ -266,6 +298,9 @@ class SamplingLaw:
         """For people, in a unit of time: `every 0.6 s`, `at intervals anywhere in [0, 5] s`."""
         if self.is_updated:
             return "at instants that the observer chooses"
+        if self.is_on_change:
+            when = f", compared every {self.T_max} {unit}" if self.is_checked else ""
+            return f"when an output is as far from its prediction as its threshold: {self._thresholds_text}{when}"
         if self.has_sensors:
             return self._sensors_text(lambda share: f"{_times(self.base, share)} {unit}")
         if self.is_random:
@@ -278,6 +313,10 @@ class SamplingLaw:
             else f"at intervals anywhere in [{self.T_min}, {self.T_max}] {unit}"
         )
 
+    @property
+    def _thresholds_text(self) -> str:
+        return ", ".join(f"{one.name} beyond {one.delta}" for one in self.thresholds)
+
     def _sensors_text(self, time: Callable[[Fraction], str]) -> str:
         """`x every 0.1, theta every 0.4 from 0.2 on, at most 2 in a row lost`, `z 0.1 to 0.3 apart`, a time by its
         share of the shortest period."""
@@ -285,7 +324,10 @@ class SamplingLaw:
 
     def document(self) -> dict[str, Any]:
         """As in a spec: {period}, {min_period, max_period} or {updated}; {period, lost} where samples may be lost;
-        of sensors the shortest period, and theirs as multiples of it."""
+        of sensors the shortest period, and theirs as multiples of it, or their thresholds."""
+        if self.is_on_change:
+            checks = {"check_every": str(self.T_max)} if self.is_checked else {}
+            return {"on_change": sent.document(self.thresholds)} | checks
         if self.has_sensors:
             return {"period": str(self.base), "sensors": schedule.document(self.sensors), "gains": self.gains}
         if self.is_random:
@@ -304,6 +346,10 @@ class SamplingLaw:
         match document:
             case {"updated": True, **rest} if not rest:
                 return SamplingLaw("updated")
+            case {"on_change": entries, **rest} if not rest:
+                return SamplingLaw.on_change(sent.from_document(entries))
+            case {"on_change": entries, "check_every": str(period), **rest} if not rest:
+                law = SamplingLaw.on_change(sent.from_document(entries), Exact(period))
             case {"period": str(period), **rest} if not rest:
                 law = SamplingLaw.periodic(Exact(period))
             case {"period": str(period), "lost": lost, **rest} if not rest and _is_number_of_losses(lost):

@@ -18,6 +18,7 @@ from cdobs_cli.certify.methods.counterexample import Attained
 from cdobs_cli.certify.methods.mean_square.average import Average
 from cdobs_cli.certify.methods.mean_square.every_time import EveryTime
 from cdobs_cli.certify.methods.mean_square.from_zero import MeanSquareFromZero
+from cdobs_cli.certify.methods.on_change.certificate import OnChangePeak
 from cdobs_cli.certify.methods.peak.certificate import Peak
 from cdobs_cli.certify.methods.peak.from_zero import PeakFromZero
 from cdobs_cli.certify.methods.response import MeanSquareResponse, PeakResponse
@@ -28,7 +29,7 @@ REACHES: tuple[Reach, ...] = ("error bound", "mean square", "error attained")
 # By the question: of each name one is kept, that of the least bound.
 METHODS: tuple[type[Method], ...] = (
     Peak, PeakFromZero, Average, EveryTime, MeanSquareFromZero, PeakResponse, MeanSquareResponse, GraphPeak,
-    GraphMeanSquare,
+    GraphMeanSquare, OnChangePeak,
 )  # fmt: skip
 Transient = Callable[[Box], tuple[arb, ...]]
 DIGITS = 6
@@ -46,9 +47,8 @@ class Sized:
 
 def sized(question: Question, methods: Sequence[type[Method]] = METHODS) -> list[Sized]:
     """Of a gain under its law: of every name that these methods bound the least bound. Uses the solver."""
-    known = question.law.is_bounded or question.law.has_sensors
-    asked = question.plant.is_perturbed and known
-    if not asked or question.inclusion.assemble_noise is None:
+    known = question.law.is_bounded or question.law.has_sensors or question.law.is_on_change
+    if not (is_sized(question.plant) and known) or question.inclusion.assemble_noise is None:
         return []
     least: dict[str, Sized] = {}
     for method, about in _asked(question.afresh(), methods):
@@ -59,6 +59,11 @@ def sized(question: Question, methods: Sequence[type[Method]] = METHODS) -> list
         if error is not None and (name not in least or error < least[name].error):
             least[name] = Sized(name, error, proposal)
     return list(least.values())
+
+
+def is_sized(plant: Plant) -> bool:
+    """Whether errors stay away from 0: under noise and disturbance, or because outputs are sent on change alone."""
+    return plant.is_perturbed or plant.sampling.is_on_change
 
 
 def of_states(question: Question) -> dict[str, arb]:
@@ -117,7 +122,7 @@ class Item:
 def accuracy(question: Question, items: Iterable[Item]) -> tuple[list[Claim], dict[str, Bound]]:
     """Claims and bounds of the design's gain under its law, from its certificates proved again. Loads no solver."""
     plant = question.plant
-    if not plant.is_perturbed or question.inclusion.assemble_noise is None:
+    if not is_sized(plant) or question.inclusion.assemble_noise is None:
         return [], {}
     claims, bounds = [], {}
     items = list(items)
@@ -251,6 +256,7 @@ def acting_text(plant: Plant) -> str:
     for what, matrix in (("covariance", plant.covariance), ("intensity", plant.intensity)):
         if matrix is not None:
             told.append(f"{'noise' if what == 'covariance' else 'a disturbance'} of {what} {_rows(matrix.texts())}")
+    told += [f"|y - C x_hat| < {one.delta} ({one.name}) between messages" for one in plant.sampling.thresholds]
     return ", ".join(told) or "no disturbance and no noise"
 
 

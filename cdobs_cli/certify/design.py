@@ -385,6 +385,8 @@ class _Synthesis:
 
     def _front(self, question: Question, own: ExactMatrix) -> tuple[FrontPoint, ...]:
         """Where a gain was looked for, and periods, rates or errors are what it is about."""
+        if self.plant.sampling.is_on_change:  # there is no period to choose
+            return ()
         if self.given is not None or not (self.plant.is_perturbed or self.objective in ("max_period", "decay_rate")):
             return ()
 

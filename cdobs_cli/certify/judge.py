@@ -245,7 +245,8 @@ def _without_gain(judgement: Judgement, hidden: Unseen | None) -> Check:
         reason, witness = grown
     if hidden is not None:
         reason, witness = hidden.sentence(plant), hidden.witness(plant)
-        ends.append(hidden.period if hidden.period is not None and not law.is_lossy else law.period)
+        if not law.is_on_change:
+            ends.append(hidden.period if hidden.period is not None and not law.is_lossy else law.period)
     bounds: dict[str, Bound] = {}
     if ends:
         about = witness.about if witness is not None else "class"
@@ -305,6 +306,9 @@ def _converges(law: SamplingLaw, plant: Plant) -> str:
     if law.is_random:
         blind = "for every slope history in the class that does not know which samples will be lost"
         return f"The error converges to 0 in mean square, and almost surely, {blind}, sampling {law.words}{late}."
+    if law.is_on_change:
+        ball = "falls to a neighbourhood of 0 that the thresholds fix and stays there"
+        return f"The error {ball}, for every slope history in the class, sampling {law.words}{late}."
     return f"The error converges to 0 for every slope history in the class, sampling {law.words}{late}."
 
 
@@ -333,6 +337,8 @@ def _certificate_claims(judgement: Judgement) -> list[Claim]:
 
 def _bounds(judgement: Judgement) -> dict[str, Bound]:
     """The bracket of the period with its ladder of methods, of all gains met, and the rate under the law."""
+    if judgement.law.is_on_change:  # it has no period
+        return _decay_rate(judgement)
     own = [item for item in judgement.usable if item.own]
     if judgement.is_dead_beat and resets(judgement.question.inclusion):
         told = "one sample erases every error, whatever the period"
@@ -378,7 +384,8 @@ def _decay_rate(judgement: Judgement) -> dict[str, Bound]:
     decaying = [item for item in judgement.covering if item.proof.rate > 0]
     fastest = max(decaying, key=lambda item: float(item.proof.rate.lower()), default=None)
     # Where samples are lost by chance no one word of periods says how slow the mean square is.
-    slowest = None if judgement.law.is_random or judgement.law.is_graph else slowest_decay(judgement.question.inclusion)
+    blind = judgement.law.is_random or judgement.law.is_graph or judgement.law.is_on_change
+    slowest = None if blind else slowest_decay(judgement.question.inclusion)
     if fastest is None and slowest is None:
         return {}
     proved, method = (None, None) if fastest is None else (lower_text(fastest.proof.rate, 9), fastest.method.rung)
@@ -500,6 +507,8 @@ def noisy_transients(card: Card, plant: Plant, design: Design) -> list[accuracy.
     if not plant.has_only_bounded:
         return []
     question, covering = _covering(card, plant, design)
+    if design.sampling.is_on_change:  # errors do not add: when messages come hangs on them. These hold under noise
+        return [level.bounds for level in levels(card, plant, design)]
     judged = _judged(card, question, design.certificates, lambda method: method.reach == "error bound")
     sized = [accuracy.Item(item.method, item.proof) for item in judged if item.own]
     met = (item.method.level(question) for item in covering)

@@ -125,7 +125,7 @@ class Program:
             start += unknown.size
         return values
 
-    def _read(self, function: Affine) -> tuple[Array, Array]:
+    def read(self, function: Affine) -> tuple[Array, Array]:
         """(offset, coefficients): function(x) = offset + sum_i x_i coefficients[i]."""
         import numpy as np
 
@@ -149,15 +149,19 @@ class Program:
 
     def require(self, inequality: Affine) -> None:
         """inequality(x) >= 0 in the semidefinite order (a symmetric matrix; 1 x 1 for a scalar)."""
-        self._semidefinite.append(self._read(inequality))
+        self._semidefinite.append(self.read(inequality))
+
+    def require_read(self, offset: Array, coefficients: Array) -> None:
+        """`require` of an inequality in the form that `read` gives it."""
+        self._semidefinite.append((offset, coefficients))
 
     def equate(self, equation: Affine) -> None:
         """equation(x) = 0, entry by entry."""
-        self._equalities.append(self._read(equation))
+        self._equalities.append(self.read(equation))
 
     def maximise(self, objective: Affine) -> None:
         """The linear objective (its value must be one number)."""
-        _, coefficients = self._read(objective)
+        _, coefficients = self.read(objective)
         self._cost = -coefficients.reshape(self.size)
 
     def solve(self, *, tolerance: float = 1e-9, iterations: int = 200) -> Solution:

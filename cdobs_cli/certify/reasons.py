@@ -40,7 +40,7 @@ def undetectable(plant: Plant) -> str | None:
     moves = "grows" if root.real > TOLERANCE else "does not decay"
     advice = f"keep the domain away from {where}, or measure another quantity" if where else "measure another quantity"
     law = plant.sampling
-    sampled = law.words if law.has_sensors else f"every {law.T_max}"
+    sampled = law.words if law.has_sensors or law.is_on_change else f"every {law.T_max}"
     return (
         f"sampled {sampled} the plant is not detectable{' where ' + where if where else ''}: "
         f"an error along {along} {moves} (eigenvalue {_complex(root)}) and no output shows it; {advice}"
@@ -65,7 +65,7 @@ def _unseen_at(plant: Plant, rate: float) -> tuple[str, str, complex] | None:
     rate."""
     view = PlantView.floats(plant, {})
     law = plant.sampling
-    delta = float(law.hyperperiod if law.is_multirate else law.T_max)
+    delta = 1.0 if law.is_on_change else float(law.hyperperiod if law.is_multirate else law.T_max)
     middle = tuple((low + high) / 2 for low, high in zip(view.lower, view.upper, strict=True))
     corners = product(*zip(view.lower, view.upper, strict=True))
     for v in (middle, *islice(corners, MAX_CORNERS)):

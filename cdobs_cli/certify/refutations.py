@@ -24,6 +24,8 @@ def refutations(judgement: Judgement) -> Iterator[Method]:
     """Counterexamples of the gain, under its law where nothing proves it there, and at the shortest period above what
     is proved; that every gain fails just above; and how large errors become at least. Loads no solver."""
     question = judgement.question
+    if question.law.is_on_change:  # no word of periods is one of its own
+        return
     if not judgement.covering and judgement.design.outcome != "short" and unseen(judgement.plant) is None:
         here = Counterexample.propose(question)
         if here is not None:

@@ -117,7 +117,7 @@ def unseen(plant: Plant, law: SamplingLaw | None = None) -> Unseen | None:
     law = law or plant.sampling
     if law.is_random:  # what no sample shows is not shown by those that arrive
         law = SamplingLaw.periodic(law.period)
-    if not (law.is_bounded or law.has_sensors):
+    if not (law.is_bounded or law.has_sensors or law.is_on_change):
         return None
     found, at_samples_of = [], _at_sensors if law.is_multirate else _at_samples
     seen = [(w, _factored(plant.output_matrix(w))) for w in _candidates(plant.output_quantities)]
@@ -129,7 +129,7 @@ def unseen(plant: Plant, law: SamplingLaw | None = None) -> Unseen | None:
         if always is not None:
             return Unseen(values, None, always, None, w)
         found.append((values, w, F, C))
-    if law.is_graph:
+    if law.is_graph or law.is_on_change:
         return None
     for values, w, F, C in found:
         at_samples = at_samples_of(F, C[1], law)

@@ -43,6 +43,8 @@ class Family(BaseModel, ABC):
     takes_sensors: ClassVar[bool] = False
     # Whether measurements may arrive late: from one sensor, from several with delays of their own.
     takes_delays: ClassVar[Literal["none", "one", "several"]] = "none"
+    # Whether sensors may send when their outputs leave their predictions.
+    takes_on_change: ClassVar[bool] = False
 
     @classmethod
     def example(cls) -> str:
@@ -70,6 +72,11 @@ class Family(BaseModel, ABC):
         if law.has_sensors and not self.takes_sensors:
             what = "family reachability takes sensors with periods or offsets of their own"
             more = "or read all of them at one period: C, sampling: {period: ..}"
+            yield Problem(("measurement", "sensors"), what, self.name, hint=f"write family: reachability, {more}")
+
+        if law.is_on_change and not self.takes_on_change:
+            what = "family reachability takes sensors that send on change"
+            more = "or read the sensors at periods: sensors: {<name>: {.., period: ..}}"
             yield Problem(("measurement", "sensors"), what, self.name, hint=f"write family: reachability, {more}")
 
     def _problems_of_delay(self, plant: Plant, simulation: SimulationPlan | None) -> Iterator[Problem]:

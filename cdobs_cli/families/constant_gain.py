@@ -82,7 +82,7 @@ class ConstantGain(Family):
         yield Problem(("observer", "rate_at_least"), what, got=self.objective, allowed=allowed, hint=hint)
 
     def _problems_of_errors(self, plant: Plant) -> Iterator[Problem]:
-        declared = plant.is_perturbed
+        declared = plant.is_perturbed or plant.sampling.is_on_change
         if self.objective == "min_error" and not declared:
             yield Problem(("observer", "objective"), "least error needs noise or a disturbance", hint=_DECLARE)
         for name, typed in (("error_at_most", self.error_at_most), ("weights", self.weights)):

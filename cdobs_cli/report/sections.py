@@ -155,7 +155,11 @@ def _observer(report: Report) -> Section:
     blocks += _choice(report)
     if report.observer is not None:
         blocks += [Paragraph("Between samples:"), Mathematics(systems.flow_equations(report.observer))]
-        if jumps := systems.jump_equations(report.observer):
+        if design.sampling.is_on_change:
+            for number, one in enumerate(design.sampling.thresholds):
+                words = f"When {one.name} sends, as its output is {one.delta} from its prediction:"
+                blocks += [Paragraph(words), Mathematics(systems.jump_equations(report.observer, number))]
+        elif jumps := systems.jump_equations(report.observer):
             blocks += [Paragraph(_at_a_sample(design.sampling)), Mathematics(jumps)]
         if held := systems.held_equations(report.observer):
             blocks += [Paragraph("Held from one sample to the next:"), Mathematics(held)]

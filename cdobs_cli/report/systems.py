@@ -80,9 +80,10 @@ def flow_equations(observer: Observer) -> tuple[Equation, ...]:
     return _equations(map(dotted, map(name_formula, observer.states)), observer.flow)
 
 
-def jump_equations(observer: Observer) -> tuple[Equation, ...]:
-    """The observer at a sample; states that do not jump are left out."""
-    jumps = {name: jump for name, jump in zip(observer.states, observer.jump, strict=True) if jump != Variable(name)}
+def jump_equations(observer: Observer, number: int = 0) -> tuple[Equation, ...]:
+    """The observer at a sample, or at the one of this number; states that do not jump are left out."""
+    rows = observer.jumps[number] if observer.jumps else observer.jump
+    jumps = {name: jump for name, jump in zip(observer.states, rows, strict=True) if jump != Variable(name)}
     return _equations(map(after_jump, map(name_formula, jumps)), jumps.values())
 
 

@@ -193,8 +193,11 @@ def _filtered(stored: Mapping[str, NDArray[Any]]) -> Filtered | None:
 
 def _refuse_misshapen(stored: Mapping[str, NDArray[Any]], estimates: list[str], others: list[str]) -> None:
     """Raises: ValueError, KeyError, IndexError for arrays that do not fit together."""
-    for offsets, length in ((stored["offsets"], len(stored["t"])), (stored["sample_offsets"], len(stored["t_k"]))):
-        if offsets.dtype != np.int64 or offsets[0] != 0 or offsets[-1] != length or not np.all(np.diff(offsets) > 0):
+    # A run may end before any sensor has sent.
+    counts = (stored["offsets"], len(stored["t"]), 1), (stored["sample_offsets"], len(stored["t_k"]), 0)
+    for offsets, length, least in counts:
+        known = offsets.dtype == np.int64 and offsets[0] == 0 and offsets[-1] == length
+        if not known or not np.all(np.diff(offsets) >= least):
             raise ValueError("runs that are not one after the other")
     n, p = stored["x"].shape[1], stored["y_k"].shape[1]
     N, K = len(stored["t"]), len(stored["t_k"])

@@ -23,7 +23,7 @@ GROWN = "the states grow without bound in finite time"
 SENTENCES = {
     Ending.NO_STEP: "the equations are undefined or singular beyond this point",
     Ending.SAMPLES: "more than {max_samples} measurements before the horizon",
-    Ending.CROWDED: "sampling instants accumulate: the observer asks for samples faster than time can be resolved",
+    Ending.CROWDED: "sampling instants accumulate: they come faster than time can be resolved",
     Ending.UNREADY: "the trigger is not below 0 just after a sample, so that no next sample is defined",
     Ending.START: "the observer's start is undefined",
 }

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 MAX_RUNS, MAX_STATES_TOGETHER = 20_000, 400_000
 MAX_SAMPLES, MAX_SAMPLES_TOGETHER = 50_000, 5_000_000
 MAX_STEPS, MAX_STEPS_TOGETHER = 200_000, 4_000_000
+MOST_AT_ONCE = 1000  # corrections at one instant
 
 
 def simulate(
@@ -120,7 +121,7 @@ class _Simulation:
         self.draws = Draws(plan.seed, self.runs, first)
         self.noise = Noise(signals, self.draws)
         self.max_samples = min(MAX_SAMPLES, max(100, MAX_SAMPLES_TOGETHER // together))
-        chooses = system.observer.trigger is not None
+        chooses = self.loop.is_triggered
         self.unread = self._unread(law, system.plant.p)
         self.timetable = None if chooses else Timetable(law, plan, self.draws, self.max_samples)
         self.max_steps = min(max_steps, MAX_STEPS, max(1000, MAX_STEPS_TOGETHER // together))
@@ -135,6 +136,7 @@ class _Simulation:
         self.disturbance = Disturbance(signals, self.draws, self.runs, longest)
         late = (self.loop, plan, system.plant.delays, self.draws, self.max_steps, together)
         self.late = Recompute(*late) if system.plant.delays else None
+        self.drawn = np.zeros(self.runs, dtype=np.int64)  # noises so far of sensors that compare
 
     def run(self) -> tuple[Log, Samples]:
         """Every run to its end, over arrays; returns what was recorded."""
@@ -280,12 +282,83 @@ class _Simulation:
         self.progress = Progress.start(zeros.copy(), y, held_before)
         self.watch.begin(zeros, y, self.progress.held)
         self._end(runs[~np.isfinite(y).all(axis=0)], Ending.START)
+        if self.loop.observer.compares:
+            self.record.measured.append((runs[:0], zeros[:0], measured[:, :0]))
+            self._compare(runs, 0, sends=False)
+            return
         self._jump(runs, 0, measured, jumps=self.loop.observer.jump_at_start)
 
     def _sample(self, runs: Integers, index: int) -> None:
         """Measure sample number `index` of the given runs, and jump."""
+        if self.loop.observer.compares:
+            self._compare(runs, index, sends=self.loop.compares_always)
+            return
         t, y, held = self.progress.at(runs)
         self._jump(runs, index, self._measured(runs, index, t, y, held), jumps=True)
+
+    def _compare(self, runs: Integers, index: int, *, sends: bool) -> None:
+        """Sensors send, then what is held, and the next comparison. sends: whether one is known to be at its threshold.
+
+        Noise is drawn for each comparison at an instant; where outputs are compared all the time, after each instant at
+        which there were messages.
+        """
+        progress, loop = self.progress, self.loop
+        t, y, held = progress.at(runs)
+        before = np.concatenate([y, held])
+        if not loop.compares_always or index == 0:
+            self._draw(runs, t, held)
+        rounds, known = 0, len(self.record.measured)
+        far = self._send(runs, np.arange(len(runs)), t, y, held, sends=sends)
+        changed = len(self.record.measured) > known
+        while far.size and loop.compares_always:
+            if rounds >= MOST_AT_ONCE:
+                self._end(runs[far], Ending.CROWDED)
+                break
+            drawn, rounds = held[:, far], rounds + 1
+            self._draw(runs[far], t[far], drawn)
+            held[:, far] = drawn
+            far = self._send(runs, far, t, y, held, sends=False)
+        self.next[runs] = np.inf if self.timetable is None else self.timetable.after(runs, index, t)
+        self.disturbance.at_sample(runs, index, t, self.next[runs])
+        held[loop.disturbance_rows] = self.disturbance.values[:, runs]
+        if changed or index == 0:
+            self.record.sides.add(index, runs, t, before, np.concatenate([y, held]))
+        progress.y[:, runs], progress.held[:, runs] = y, held
+
+    def _send(self, runs: Integers, far: Integers, t: Array, y: Array, held: Array, *, sends: bool) -> Integers:
+        """The messages of one instant: the sensor farthest beyond its threshold corrects the estimate, until none is at
+        its threshold. Each sends once: what was sent at this instant is known, and used again where another correction
+        asks for it. y and held are brought up to date; returns those of `far` that sent."""
+        loop, p, first, steps = self.loop, self.loop.plant.p, far, 0
+        sent = np.zeros((p, len(runs)), dtype=bool)
+        while far.size:
+            values = loop.compared(t[far], y[:, far], held[:, far])
+            which = values.argmax(axis=0)
+            if steps or not sends:
+                at_threshold = np.flatnonzero(values.max(axis=0) >= 0)
+                far, which = far[at_threshold], which[at_threshold]
+            if steps >= MOST_AT_ONCE:
+                self._end(runs[far], Ending.CROWDED)
+                break
+            for sensor in range(p):
+                own = far[which == sensor]
+                here = t[own], y[:, own], held[:, own]
+                measured = loop.measure(*here, here[2][loop.noise_rows])
+                measured[[k for k in range(p) if k != sensor]] = np.nan
+                y[:, own] = loop.jump(np.full(len(own), sensor), *here, measured)
+                held[:, own] = loop.hold(t[own], y[:, own], here[2], measured, here[2][loop.disturbance_rows])
+                new = ~sent[sensor, own]
+                self.record.measured.append((runs[own[new]], t[own[new]], measured[:, new]))
+                sent[sensor, own] = True
+            steps += 1
+        counts: Integers = sent.sum(axis=0)
+        return first[(counts[first] > 0) & ~self.watch.halted[runs[first]]]
+
+    def _draw(self, runs: Integers, t: Array, held: Array) -> None:
+        """New noise for the given runs, into what they hold."""
+        if self.loop.held_noise:
+            held[self.loop.noise_rows] = self.noise.at(runs, self.drawn[runs], t)
+            self.drawn[runs] += 1
 
     def _measured(self, runs: Integers, index: int, t: Array, y: Array, held: Array) -> Array:
         """What sample number `index` reads; outputs that it does not read are not a number."""
@@ -384,8 +457,10 @@ def _refuse_impossible(system: HybridSystem, plan: SimulationPlan) -> None:
     if plan.initial_box is None and any(name.startswith(("lower.", "upper.")) for name in needed):
         what = "this observer starts from a known box of x(0)"
         problems.append(Problem((at, "initial_box"), what, "none", "initial_box"))
-    if plan.sampling_times is not None and system.observer.trigger is not None:
-        what = "this observer chooses its sampling instants"
+    chosen = "this observer chooses its sampling instants" if system.observer.trigger is not None else None
+    chosen = "sensors send when their outputs have changed" if system.observer.compares else chosen
+    if plan.sampling_times is not None and chosen is not None:
+        what = chosen
         problems.append(Problem((at, "sampling_times"), what, str(plan.sampling_times)))
     if problems:
         raise SpecError(tuple(problems))

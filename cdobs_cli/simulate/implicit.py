@@ -62,7 +62,7 @@ class ImplicitRun:
                 return End.SINGULAR
             progress.steps[run] += max(1, (solver.nfev - evaluated) // EVALUATIONS)
             step, until, new = _along(self.loop, solver, held), np.array([solver.t]), solver.y[:, None]
-            if self.loop.observer.trigger is not None and (theta := step.first_root())[0] <= 1.0:
+            if self.loop.is_triggered and (theta := step.first_root())[0] <= 1.0:
                 part, new = step.polished(partial(self._part, step, floor), theta)
                 until, code = step.t + part, End.TRIGGERED
             _fill(grid, run, float(until[0]), step)

@@ -85,7 +85,7 @@ class OneRun:
         t, h, end = float(progress.t[0]), float(progress.h[0]), float(ends[0])
         y, held = tuple(progress.y[:, 0].tolist()), tuple(progress.held[:, 0].tolist())
         floor, steps = tuple(progress.floor(runs)[:, 0].tolist()), int(progress.steps[0])
-        triggered, smallest = self.loop.observer.trigger is not None, 1e-15 * self.horizon
+        triggered, smallest = self.loop.is_triggered, 1e-15 * self.horizon
         # The state just after a jump has not been looked at yet.
         seen_t, seen_y, code = [t], [y], End.REACHED
 
@@ -187,7 +187,7 @@ class ManyRuns:
     def advance(self, runs: Integers, progress: Progress, ends: Array, grid: Grid, watch: Watch) -> Integers:
         """Flow the given runs to their ends (len(runs),); returns an End code for each."""
         codes = np.full(len(runs), End.REACHED)
-        triggered = self.loop.observer.trigger is not None
+        triggered = self.loop.is_triggered
         smallest = 1e-15 * self.horizon
         floor = progress.floor(runs)
         k = self._slope(*progress.at(runs))

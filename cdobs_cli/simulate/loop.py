@@ -2,7 +2,8 @@
 
 Every function takes (t, y, held): the time, all states (the plant's, then the observer's), and what is held
 between samples: the controlled inputs, the last measurement `last.y.0`, .. where an input is a function of it, the
-disturbance `d.0`, .. where it is drawn, and `t.k`, the time of the last sample.
+disturbance `d.0`, .. where it is drawn, the noise `held.v.0`, .. where sensors compare, and `t.k`, the time of the last
+sample.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from cdobs_cli.simulate.signals import Signals
 
 LAST_SAMPLE = "t.k"
 LAST_MEASURED = "last.y."
+HELD_NOISE = "held.v."
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,10 @@ class ClosedLoop:
         # A measurement is held where an input reads it.
         kept = range(self.plant.p if signals.reads_measurements else 0)
         self.last_measured = tuple(f"{LAST_MEASURED}{k}" for k in kept)
-        self.held = (*self.controls, *self.last_measured, *signals.held, LAST_SAMPLE)
+        self.is_triggered = self.observer.trigger is not None or self.compares_always
+        noisy = self.plant.p if self.observer.compares and self.plant.is_noisy else 0
+        self.held_noise = tuple(f"{HELD_NOISE}{k}" for k in range(noisy))
+        self.held = (*self.controls, *self.last_measured, *signals.held, *self.held_noise, LAST_SAMPLE)
         self.states = system.states
         self.names = ("t", *self.states, *self.held)
         self.size = len(self.states)
@@ -99,6 +104,8 @@ class ClosedLoop:
             "see": self._routine(seen),
             "trigger": self._routine(trigger),
         }
+        there = {f"v.{k}": Variable(name) for k, name in enumerate(self.held_noise)}
+        self._compare = self._routine([row.substitute(there) for row in system.compares]).arrays()
         measured = [f"y.{k}" for k in range(self.plant.p)]
         self.jumps = [self._routine(jump, measured) for jump in system.jumps]
         self.flow = self.routines["flow"].rows
@@ -106,6 +113,11 @@ class ClosedLoop:
             self.routines[name].arrays() for name in ("measure", "control", "see", "trigger")
         )
         self._jumps = [jump.arrays() for jump in self.jumps]
+
+    @property
+    def compares_always(self) -> bool:
+        """Whether sensors compare their outputs all the time."""
+        return bool(self.observer.compares) and self.observer.compared_always
 
     def _estimate(self) -> dict[str, Expression]:
         """What `hat.<state>` stands for in a signal: the estimate reported, or the middle of its bounds."""
@@ -168,21 +180,34 @@ class ClosedLoop:
         start = len(self.controls) + len(self.last_measured)
         return slice(start, start + len(self.signals.held))
 
+    @property
+    def noise_rows(self) -> slice:
+        """Where the noise of sensors that compare stands in what is held."""
+        end = len(self.held) - 1
+        return slice(end - len(self.held_noise), end)
+
     def hold(self, t: Array, y: Array, held: Array, measured: Array, d: Array) -> Array:
         """What is held from a sample at t on: the controlled inputs, evaluated after the jump, what was measured where
-        an input reads it (last, where this sample does not read it), the disturbance d where it is drawn, and t
-        itself."""
+        an input reads it (last, where this sample does not read it), the disturbance d where it is drawn, the noise of
+        sensors that compare as it was, and t itself."""
         start, count = len(self.controls), len(self.last_measured)
         seen = measured[:count]
         last = np.where(np.isnan(seen), held[start : start + count], seen)
-        kept = np.concatenate([last, d, t[None]])
+        kept = np.concatenate([last, d, held[self.noise_rows], t[None]])
         since = np.concatenate([held[: len(self.controls)], kept])
         return np.concatenate([stacked(self._control(t, *y, *since), len(t)), kept])
 
     def trigger(self, t: Array, y: Array, held: Array) -> Array:
-        """The trigger's value, shape (P,)."""
+        """The trigger's value, shape (P,); of sensors that compare the largest."""
+        if self.observer.compares:
+            largest: Array = self.compared(t, y, held).max(axis=0)
+            return largest
         value: Array = stacked(self._trigger(t, *y, *held), len(t))[0]
         return value
+
+    def compared(self, t: Array, y: Array, held: Array) -> Array:
+        """What each sensor compares, shape (p, P): it sends from 0 on."""
+        return stacked(self._compare(t, *y, *held), len(t))
 
     def see(self, t: Array, y: Array, held: Array) -> View:
         values, place = stacked(self._see(t, *y, *held), len(t)), 0

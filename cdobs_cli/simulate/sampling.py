@@ -21,15 +21,15 @@ class Timetable:
 
     periodic: t_k = k T. aperiodic: T_k drawn uniformly from (T_min, T_max] with the seed, or `sampling_times` at t_k.
     lossy: after each sample that arrives 0 to `lost` of those that follow are lost, each number as often as the others.
-    random: each is lost with the law's probability. multirate: at the times of its phases. graph: see `walk`. An
-    instant within rounding of the horizon is the horizon.
+    random: each is lost with the law's probability. multirate: at the times of its phases. graph: see `walk`.
+    on_change: those of comparisons. An instant within rounding of the horizon is the horizon.
 
     Raises:
         SpecError: a law that needs more samples than one run may have, or a typed period outside the law.
     """
 
     def __init__(self, law: SamplingLaw, plan: SimulationPlan, draws: Draws, max_samples: int) -> None:
-        self.low, self.high, self.periodic = float(law.T_min), float(law.T_max), law.is_periodic
+        self.low, self.high, self.periodic = float(law.T_min), float(law.T_max), law.is_periodic or law.is_checked
         self.horizon, self.draws = float(plan.horizon), draws
         self.lost, self.probability = law.lost, float(law.probability)
         self.gaps = np.array([float(gap) for gap in law.gaps])

@@ -234,7 +234,7 @@ class Noise:
         names = ["t", *(f"draw.{k}" for k in range(len(signals.draws)))]
         self._values = compile_floats(list(signals.noise.values()), names, arrays=True)
 
-    def at(self, runs: Integers, index: int, t: Array) -> Array:
+    def at(self, runs: Integers, index: int | Integers, t: Array) -> Array:
         """Noise of sample number `index` of each given run, at its time: shape (p, len(runs)), or (0, ..)."""
         drawn = [self.draws.at("noise", kind, channel, runs, index) for channel, kind in enumerate(self.signals.draws)]
         values = [np.broadcast_to(value, t.shape) for value in self._values(t, *drawn)]

@@ -106,8 +106,11 @@ def _errors(
 def _periods(samples: Samples) -> list[tuple[float | None, float | None]]:
     """The shortest and the longest of each run; instants are good to about 1e-12: digits beyond that are rounding."""
     lengths, starts = np.diff(samples.t, append=np.nan), samples.offsets[:-1]
-    lengths[samples.offsets[1:] - 1] = np.nan
-    least, most = (one.reduceat(lengths, starts) for one in (np.fmin, np.fmax))
+    some = np.diff(samples.offsets) > 0
+    lengths[samples.offsets[1:][some] - 1] = np.nan
+    least, most = np.full(len(starts), np.nan), np.full(len(starts), np.nan)
+    if some.any():
+        least[some], most[some] = (one.reduceat(lengths, starts[some]) for one in (np.fmin, np.fmax))
     return [
         (None, None) if np.isnan(low) else (float(f"{low:.12g}"), float(f"{high:.12g}"))
         for low, high in zip(least, most, strict=True)

@@ -24,11 +24,13 @@ from cdobs_cli.spec.sensors_block import (
     SensorsField,
     one_law,
     schedule,
+    sends_on_change,
     sensor_problems,
     shortest_period,
     stacked_noise,
     stacked_outputs,
     stacked_rows,
+    thresholds,
 )
 
 
@@ -117,6 +119,9 @@ def measurement_problems(
         dynamics = None if plant is None else plant.dynamics is not None
         yield from _beside_sensors(measurement, plant)
         yield from sensor_problems(measurement.sensors or {}, wrong_fields, states, dynamics)
+        if measurement.gains is not None and sends_on_change(measurement.sensors or {}):
+            what, hint = "goes with sensors that have periods", "each sensor that sends on change has its own gain"
+            yield Problem(("measurement", "gains"), what, hint=hint)
         return
     if measurement.gains is not None and (measurement.lost is None or not measurement.lost.at_most):
         what = "goes with `sensors`, or with lost samples: {at_most: ..}, which are not given"
@@ -210,6 +215,8 @@ def sampling_law(measurement: MeasurementBlock, outputs: int | None) -> Sampling
     are."""
     if measurement.sensors is not None:
         sensors = measurement.sensors
+        if sends_on_change(sensors):
+            return thresholds(sensors)
         return SamplingLaw.multirate(shortest_period(sensors), schedule(sensors), measurement.gains or "by_phase")
     law = measurement.sampling
     if isinstance(law, Periodic):

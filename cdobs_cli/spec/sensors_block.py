@@ -15,13 +15,14 @@ from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix, decimal_text
 from cdobs_cli.fields import NonNegativeNumber, PositiveNumber, Rows, formula, sized, wrong
 from cdobs_cli.graph import MAX_NODES, graph
 from cdobs_cli.plant import weighted
-from cdobs_cli.sampling import share_of
+from cdobs_cli.sampling import SamplingLaw, share_of
 from cdobs_cli.sensors import MAX_LOST, MAX_PHASES, MAX_SENSORS, Sensor, hyperperiod, is_bounded
 from cdobs_cli.spec.block import Block, Name
 from cdobs_cli.spec.boxes import MAX_STATES, ordered, shape_problem
 from cdobs_cli.spec.delay_field import DELAY_WORDS, DelayField
 from cdobs_cli.spec.noise_block import NoiseBlock, noise_problems
 from cdobs_cli.spec.reader import FieldPath
+from cdobs_cli.thresholds import Threshold
 
 AT: FieldPath = ("measurement", "sensors")
 _Outputs = Annotated[tuple[Annotated[Expression, formula("states", "inputs")], ...], sized(1, MAX_STATES)]
@@ -41,7 +42,7 @@ class LostBlock(Block):
 
 class SensorBlock(Block):
     """What one sensor measures, every `period` from `offset` on, or at least `min_period` and at most `max_period`
-    apart."""
+    apart; or, with `send_on_delta`, when it is far from its prediction."""
 
     C: Annotated[Rows | None, Field(description="Its rows: it measures C x.")] = None
     output: Annotated[
@@ -60,7 +61,27 @@ class SensorBlock(Block):
     lost: Annotated[LostBlock | None, Field(description="How many of its samples may be lost in a row: at_most.")] = (
         None
     )
-    noise: Annotated[NoiseBlock | None, Field(description="Of its outputs; none where left out.")] = None
+    noise: Annotated[
+        NoiseBlock | None,
+        Field(
+            description="Of its outputs; none where left out. Of a sensor that sends on change it is drawn, in a "
+            "simulation, after each message and held until the next, or drawn at each comparison."
+        ),
+    ] = None
+    send_on_delta: Annotated[
+        PositiveNumber | None,
+        Field(
+            description="Instead of a period: it sends when its output y is so far from C x_hat, which it knows by a "
+            "copy of the observer. Of one output."
+        ),
+    ] = None
+    check_every: Annotated[
+        PositiveNumber | None,
+        Field(
+            description="With send_on_delta: it compares at multiples of this time, from 0 on; all the time where "
+            "left out. The same of all sensors."
+        ),
+    ] = None
     delay: Annotated[DelayField | None, Field(description=f"{DELAY_WORDS} At once where left out.")] = None
 
     @property
@@ -170,14 +191,27 @@ def sensor_problems(
     if rows > MAX_STATES:
         yield Problem(AT, f"at most {MAX_STATES} outputs are taken", str(rows))
     yield from _noise_kinds(sensors)
-    if sensors and all(one.has_times for one in sensors.values()):
+    if sends_on_change(sensors):
+        yield from _on_change_problems(sensors)
+    elif sensors and all(one.has_times for one in sensors.values()):
         yield from _schedule_problems(sensors)
 
 
 def _problems_of_one(
     sensor: SensorBlock, at: FieldPath, states: tuple[str, ...] | None, dynamics: bool | None
 ) -> Iterator[Problem]:
-    yield from _problems_of_times(sensor, at)
+    if sensor.send_on_delta is not None:
+        for name in ("period", "offset", "min_period", "max_period", "lost", "delay"):
+            if getattr(sensor, name) is not None:
+                what, hint = "does not go with send_on_delta", "check_every says how often it compares"
+                yield Problem((*at, name), what, hint=hint)
+        if sensor.rows > 1:
+            what, hint = "one output sends for itself", "write a sensor for each, with thresholds of their own"
+            yield Problem((*at, "send_on_delta"), what, f"{sensor.rows} outputs", "1 output", hint)
+    elif sensor.check_every is not None:
+        yield Problem((*at, "check_every"), "goes with send_on_delta, which is not given")
+    if sensor.send_on_delta is None:
+        yield from _problems_of_times(sensor, at)
     typed = [name for name in ("C", "output") if getattr(sensor, name) is not None]
     if len(typed) != 1:
         allowed = "output: [..] or C: [[..]]" if dynamics else "C: [[..]]"
@@ -194,7 +228,8 @@ def _problems_of_one(
 def _problems_of_times(sensor: SensorBlock, at: FieldPath) -> Iterator[Problem]:
     if sensor.period is None and sensor.max_period is None:
         given = sensor.min_period is not None
-        yield Problem((*at, "max_period" if given else "period"), "is required")
+        hint = None if given else "or send_on_delta: it sends when its output has changed; or min_period and max_period"
+        yield Problem((*at, "max_period" if given else "period"), "is required", hint=hint)
     if sensor.period is not None and (sensor.max_period is not None or sensor.min_period is not None):
         what, hint = "period does not go with min_period and max_period", "write the one or the others"
         yield Problem((*at, "period"), what, hint=hint)
@@ -219,6 +254,30 @@ def _problems_of_times(sensor: SensorBlock, at: FieldPath) -> Iterator[Problem]:
         yield Problem((*at, "lost", "probability"), what, hint=hint)
     elif sensor.lost is not None and sensor.lost.at_most is None:
         yield Problem((*at, "lost"), "a number of losses is expected", None, "{at_most: 3}")
+
+
+def sends_on_change(sensors: Mapping[str, SensorBlock]) -> bool:
+    """Whether one of them does: then all do, or there are problems."""
+    return any(sensor.send_on_delta is not None for sensor in sensors.values())
+
+
+def _on_change_problems(sensors: Mapping[str, SensorBlock]) -> Iterator[Problem]:
+    """All of them send on change, and compare at the same times."""
+    times = [sensor.check_every for sensor in sensors.values() if sensor.send_on_delta is not None]
+    first = times[0]
+    for name, sensor in sensors.items():
+        every = sensor.check_every
+        if sensor.send_on_delta is None:
+            if sensor.period is not None:
+                what = "all sensors send on change, or none: periods are not mixed with thresholds"
+                yield Problem((*AT, name, "period"), what, hint="write send_on_delta for each, or a period for each")
+        elif (every is None) != (first is None) or (
+            every is not None and first is not None and every != first and (every - first).sign() != 0
+        ):
+            what = "sensors that send on change compare at the same times"
+            got, allowed = ("all the time" if one is None else str(one) for one in (every, first))
+            at = (*AT, name) if every is None else (*AT, name, "check_every")
+            yield Problem(at, what, got, allowed)
 
 
 def _noise_kinds(sensors: Mapping[str, SensorBlock]) -> Iterator[Problem]:
@@ -280,6 +339,16 @@ def shortest_period(sensors: Mapping[str, SensorBlock]) -> Exact:
     free = any(sensor.max_period is not None for sensor in sensors.values())
     periods = (sensor.longest if free else sensor.period for sensor in sensors.values())
     return min((one for one in periods if one is not None), key=float)
+
+
+def thresholds(sensors: Mapping[str, SensorBlock]) -> SamplingLaw:
+    """The law of sensors that send on change; one without a threshold is left out."""
+    found, every = [], None
+    for sensor, (name, block) in enumerate(sensors.items()):
+        if block.send_on_delta is not None:
+            found.append(Threshold(name, sensor, block.send_on_delta))
+            every = every or block.check_every
+    return SamplingLaw.on_change(found, every)
 
 
 def schedule(sensors: Mapping[str, SensorBlock]) -> list[Sensor]:

@@ -112,7 +112,11 @@ def simulation_problems(
             if ordered(lower, upper) and not (ordered(lower, value) and ordered(value, upper)):
                 yield Problem((*at, "initial_state", i), "lies outside initial_box", str(value), f"{lower} to {upper}")
     horizon = simulation.horizon
-    longest = None if law is None or law.is_updated else law.period * Exact(MAX_SAMPLES)
+    longest = (
+        None
+        if law is None or law.is_updated or (law.is_on_change and not law.is_checked)
+        else law.period * Exact(MAX_SAMPLES)
+    )
     if horizon is not None and longest is not None and not ordered(horizon, longest):
         yield Problem((*at, "horizon"), "too many samples", str(horizon), f"at most {MAX_SAMPLES} periods")
     if simulation.delays is not None and not late:

@@ -176,7 +176,8 @@ class Method(ABC):
     def takes_law(cls, law: SamplingLaw) -> bool:
         """Whether it is about laws of this kind: those with one jump at times that are certain are everybody's."""
         return (
-            (cls.in_the_mean or not law.is_random)
+            not law.is_on_change
+            and (cls.in_the_mean or not law.is_random)
             and (cls.multirate or not law.is_multirate)
             and (cls.by_graph or not law.is_graph)
         )

@@ -52,7 +52,7 @@ class One:
         return self.method.rung
 
     def propose(self, question: Question) -> Method | None:
-        return _told(lambda: self.method.propose(question) if self._applies(question) else None, self.name, question)
+        return told(lambda: self.method.propose(question) if self._applies(question) else None, self.name, question)
 
     def _applies(self, question: Question) -> bool:
         return self.method.takes_law(question.law) and self.method.applies(question)
@@ -78,7 +78,7 @@ class General:
     def propose(self, question: Question) -> Method | None:
         asked = (method for method in self.methods if method.takes_law(question.law) and method.applies(question))
         proposals = (method.propose(question) for method in asked)
-        return _told(lambda: next((one for one in proposals if one is not None), None), self.name, question)
+        return told(lambda: next((one for one in proposals if one is not None), None), self.name, question)
 
     def longest(self, question: Question, share: float = 0.0) -> Method | None:
         if _is_left_to_the_clock(question):
@@ -108,7 +108,7 @@ def _is_left_to_the_clock(question: Question) -> bool:
 GENERAL = General()
 
 
-def _told(propose: Callable[[], Method | None], name: str, question: Question) -> Method | None:
+def told(propose: Callable[[], Method | None], name: str, question: Question) -> Method | None:
     """What is proposed; whoever waits is told what is tried, and what is proved."""
     rate = f" at rate {float(question.rate):.4g}" if question.rate else ""
     words = f"{name}, T = {float(question.law.period):.6g}{rate}"

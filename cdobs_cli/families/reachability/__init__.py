@@ -56,7 +56,8 @@ def _kind_of_gain(value: Any) -> str:
 
 class Gain(BaseModel):
     """A given gain: K, shape (n, p). Of sensors with periods of their own also by what is read, `camera+gyro`, a sensor
-    alone standing for its columns wherever it is read; or a list, the gain of each sample of their common pattern."""
+    alone standing for its columns wherever it is read; or a list, the gain of each sample of their common pattern. Of
+    sensors that send on change by sensors, or as one matrix."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, defer_build=True)
 
@@ -92,6 +93,7 @@ class Reachability(ConstantGain):
     takes_losses: ClassVar[bool] = True
     takes_sensors: ClassVar[bool] = True
     takes_delays: ClassVar[Literal["none", "one", "several"]] = "several"
+    takes_on_change: ClassVar[bool] = True
     family: Literal["reachability"] = "reachability"
     objective: Objective = "given_period"
     method: Literal["best", "set", "clock"] = "best"
@@ -105,11 +107,14 @@ class Reachability(ConstantGain):
 
     def resolved(self, plant: Plant, horizon: float | None) -> Self:
         """With the given gain of sensors sample by sample."""
-        from cdobs_cli.families.reachability.given_gain import by_sample
+        from cdobs_cli.families.reachability.given_gain import by_sample, of_thresholds
 
         card = super().resolved(plant, horizon)
-        if card.gain is None or not plant.sampling.has_sensors:
+        law = plant.sampling
+        if card.gain is None or not (law.has_sensors or law.is_on_change):
             return card
+        if law.is_on_change:
+            return card.model_copy(update={"gain": Gain.model_construct(K=of_thresholds(card.gain.K, plant))})
         return card.model_copy(update={"gain": Gain.model_construct(K=by_sample(card.gain.K, plant))})
 
     def given(self) -> Mapping[str, ExactMatrix | None]:
@@ -134,13 +139,14 @@ class Reachability(ConstantGain):
 
     def methods(self) -> tuple[type[Method], ...]:
         from cdobs_cli.certify.methods.dead_beat import EveryPeriod
+        from cdobs_cli.certify.methods.on_change.certificate import OnChange
         from cdobs_cli.certify.methods.open_loop import OpenLoop, Uncorrected
         from cdobs_cli.certify.methods.planar.every_gain import CellsOfGains
         from cdobs_cli.certify.methods.planar.extremals import Planar
         from cdobs_cli.certify.methods.rung import GENERAL
         from cdobs_cli.families.reachability.certificate import ReachableSet
 
-        return (ReachableSet, *GENERAL.methods, Planar, CellsOfGains, OpenLoop, Uncorrected, EveryPeriod)
+        return (ReachableSet, *GENERAL.methods, Planar, CellsOfGains, OpenLoop, Uncorrected, EveryPeriod, OnChange)
 
     def rungs(self, question: Question) -> Sequence[Rung]:
         from cdobs_cli.families.reachability.search_plan import rungs

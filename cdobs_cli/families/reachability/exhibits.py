@@ -16,6 +16,7 @@ from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.reachability.canonical import LastRow, Number, delta_star, last_row
 from cdobs_cli.families.reachability.certificate import ReachableSet
+from cdobs_cli.families.reachability.messages import messages_charts
 from cdobs_cli.families.reachability.structure import is_chain
 from cdobs_cli.plant import Plant, Slopes
 from cdobs_cli.run import Run
@@ -28,12 +29,13 @@ FACTORS = (Fraction(1, 8), Fraction(1, 4), Fraction(1, 2), Fraction(1), Fraction
 
 def exhibits(family: Reachability, plant: Plant, design: Design, check: Check | None, run: Run | None) -> Exhibits:
     """Charts where there is something to draw."""
-    charts = []
+    charts = messages_charts(plant, design, run)
     certificate = _own(design)
     contraction = check.claim("set.contraction") if check is not None else None
     if certificate is not None and run is not None and contraction is not None and contraction.status == "proved":
         charts += _lyapunov(plant, design, certificate, run)
-    if family.method != "clock" and family.set == "clarke" and not plant.output_quantities:
+    about_periods = family.method != "clock" and family.set == "clarke" and not design.sampling.is_on_change
+    if about_periods and not plant.output_quantities:
         charts += _periods(family, plant, design, check)
     return Exhibits(tuple(charts), (), _notes(family, design))
 

@@ -1,4 +1,5 @@
-"""A gain as it is typed: one matrix, or of sensors with periods of their own by what is read, or sample by sample."""
+"""A gain as it is typed: one matrix, or of sensors with periods of their own by what is read, or sample by sample; of
+sensors that send on change by sensors."""
 
 from __future__ import annotations
 
@@ -32,6 +33,13 @@ def by_sample(K: Typed, plant: Plant) -> tuple[ExactMatrix, ...]:
         whole = _columns(K)
         return tuple(_joined([whole[k] for k in reading.outputs]) for reading in readings)
     return tuple(_of_reading(K, reading) for reading in readings)
+
+
+def of_thresholds(K: Typed, plant: Plant) -> ExactMatrix:
+    """The gains of sensors that send on change side by side, once `gain_problems` found nothing."""
+    if isinstance(K, Mapping):
+        return _joined([column for one in plant.sampling.thresholds for column in _columns(K[one.name])])
+    return side_by_side(K)
 
 
 def _of_reading(K: Mapping[str, ExactMatrix], reading: Reading) -> ExactMatrix:
@@ -71,6 +79,8 @@ def gain_problems(K: Typed, plant: Plant) -> Iterator[Problem]:
         if K.shape != (n, plant.p):
             what = "K has one row per state and one column per output"
             yield _misshapen(AT, what, K, n, plant.p)
+    elif law.is_on_change and isinstance(K, Mapping):
+        yield from _problems_by_thresholds(K, plant)
     elif not law.has_sensors:
         what = "gains of their own belong to sensors with periods of their own"
         yield Problem(AT, what, allowed=f"one matrix, {n} x {plant.p}", hint="or write measurement.sensors")
@@ -78,6 +88,19 @@ def gain_problems(K: Typed, plant: Plant) -> Iterator[Problem]:
         yield from _problems_by_sensors(K, plant)
     else:
         yield from _problems_by_sample(K, plant)
+
+
+def _problems_by_thresholds(K: Mapping[str, ExactMatrix], plant: Plant) -> Iterator[Problem]:
+    names = [one.name for one in plant.sampling.thresholds]
+    for key, matrix in K.items():
+        if key not in names:
+            what = "each sensor sends for itself: the name of one is expected"
+            yield Problem((*AT, key), what, key, ", ".join(names))
+        elif matrix.shape != (plant.n, 1):
+            yield _misshapen((*AT, key), f"one row per state and one column, of {key}", matrix, plant.n, 1)
+    missing = [name for name in names if name not in K]
+    if missing:
+        yield Problem(AT, "no gain for a sensor that sends", ", ".join(K) or None, ", ".join(missing))
 
 
 def _problems_by_sample(K: tuple[ExactMatrix, ...], plant: Plant) -> Iterator[Problem]:

@@ -15,11 +15,13 @@ from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.clock.design import ImpulsiveGain
 from cdobs_cli.certify.methods.clock.graph_design import GraphGain
 from cdobs_cli.certify.methods.dead_beat import DeadBeat
+from cdobs_cli.certify.methods.on_change.design import OnChangeGain, OnChangeRung
 from cdobs_cli.certify.methods.planar import design as planar
 from cdobs_cli.certify.methods.planar.extremals import Planar
 from cdobs_cli.certify.methods.rung import GENERAL, One, Rung
 from cdobs_cli.families.reachability.certificate import ReachableSet
 from cdobs_cli.families.reachability.continuous import reference
+from cdobs_cli.families.reachability.on_change import why_none
 from cdobs_cli.families.reachability.set_design import SetGain, longest_any
 from cdobs_cli.families.reachability.sets import box_holds
 from cdobs_cli.families.reachability.structure import is_chain
@@ -59,6 +61,8 @@ def by_clock(family: Reachability, question: Question) -> bool:
 
 def rungs(family: Reachability, question: Question) -> Sequence[Rung]:
     """The lines of the ladder."""
+    if question.law.is_on_change:
+        return [OnChangeRung()]
     asked: list[tuple[bool, Rung]] = [
         (True, One(DeadBeat)), (by_set(family, question), One(ReachableSet)), (by_clock(family, question), GENERAL),
         (by_planar(family, question), One(Planar)),
@@ -68,7 +72,9 @@ def rungs(family: Reachability, question: Question) -> Sequence[Rung]:
 
 def gain_searches(family: Reachability, question: Question) -> Sequence[GainSearch]:
     """The set first; where n = rank C a sample tells the state, and no other gain is needed. Of sensors with periods of
-    their own the cycle alone."""
+    their own, or that send on change, one way alone."""
+    if question.law.is_on_change:
+        return [OnChangeGain()]
     if question.law.has_sensors:
         return [GraphGain()]
     weighed = family.objective in ("given_period", "min_error") or family.error_at_most
@@ -105,6 +111,8 @@ class PlanarGain(GainSearch):
 
 def why_nothing(family: Reachability, question: Question) -> str:
     """Why no gain was found."""
+    if question.law.is_on_change:
+        return why_none(question.plant)
     T = question.law.period
     if by_set(family, question) and not by_clock(family, question) and not box_holds(question.plant, T.ball()):
         return f"the set is known up to delta_star only, and delta = {T} is beyond it; method clock has no such limit"

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.families.reachability.given_gain import gain_problems
+from cdobs_cli.families.reachability.on_change import on_change_problems
 from cdobs_cli.plant import Plant
 
 if TYPE_CHECKING:
@@ -39,6 +40,8 @@ def problems(family: Reachability, plant: Plant) -> list[Problem]:
             Problem(("measurement", "sampling", "updated"), "this observer does not choose its sampling instants",
                     allowed="{period: ..} or {min_period: .., max_period: ..}", hint="family updated_sampling does")
         )  # fmt: skip
+    if plant.sampling.is_on_change:
+        found += on_change_problems(family, plant)
     if family.gain is not None:
         found += gain_problems(family.gain.K, plant)
     if family.set != "clarke":
@@ -70,7 +73,7 @@ def problems(family: Reachability, plant: Plant) -> list[Problem]:
         if plant.sampling.has_sensors:
             what, hint = "the set of matrices is built for outputs that are read together", "method best or clock"
             found.append(Problem((*observer, "method"), what, "method set", hint=hint))
-        elif not (plant.sampling.is_periodic or plant.sampling.is_updated):
+        elif not (plant.sampling.is_periodic or plant.sampling.is_updated or plant.sampling.is_on_change):
             found.append(
                 Problem(
                     ("measurement", "sampling"),

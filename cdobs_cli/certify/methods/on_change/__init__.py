@@ -1,0 +1,1 @@
+"""Sensors that send on change: practical stability, and how large the error stays."""
