@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from decimal import Decimal
 
 from cdobs_cli.certificate import ERROR_BOUNDED, Bound
+from cdobs_cli.delays import arrival_words
 from cdobs_cli.labels import SECONDS
 from cdobs_cli.report.model import Report
 from cdobs_cli.report.numbers import end_text, ends_text, float_or_none
@@ -40,7 +41,7 @@ def verdict_text(report: Report) -> str:
 
 def _convergence(report: Report) -> str:
     """Whether the estimate converges, or encloses the state."""
-    law, unit = report.design.sampling, report.labels.time
+    law = report.design.sampling
     if report.design.outcome == "none":
         reason = " ".join((report.design.reason or "the search gave no reason").split()).rstrip(".")
         told = f"No observer was found: {reason}."
@@ -48,22 +49,19 @@ def _convergence(report: Report) -> str:
     if report.check is None:
         return "The design has not been checked."
     encloses = report.family.name == "interval"
-    does, cannot = (
-        (
-            "The bounds enclose the state and stay bounded",
-            "The bounds do not enclose the state, or do not stay bounded,",
-        )
-        if encloses
-        else (f"The estimate converges{_settling(report)}", "The estimate does not converge")
-    )
+    does, cannot = f"The estimate converges{_settling(report)}", "The estimate does not converge"
+    if encloses:
+        does, cannot = "The bounds enclose the state and stay bounded", "The bounds do not enclose the state for ever"
+    if law.is_on_change:
+        does = f"The error falls to what the thresholds allow, and stays there{_settling(report)},"
     if report.verdict == "proved":
-        return f"{does}{_in_the_mean(law)} {_sampled(law, unit)}{_whose(report)}."
+        return f"{does}{_in_the_mean(law)} {_sampled(report)}{_whose(report)}."
     if report.verdict == "refuted":
-        return f"{cannot} {_sampled(law, unit)}: {_failure(report)}."
+        return f"{cannot} {_sampled(report)}: {_failure(report)}."
     what = "the bounds enclose the state" if encloses else "the estimate converges"
     missing = [claim.id for claim in report.check.claims if claim.required and claim.status == "undecided"]
     why = f" ({', '.join(missing)} open)" if missing and "convergence" not in missing else ""
-    return f"It is not known whether {what} {_sampled(law, unit)}: nothing was proved and nothing refuted{why}."
+    return f"It is not known whether {what} {_sampled(report)}: nothing was proved and nothing refuted{why}."
 
 
 def _failure(report: Report) -> str:
@@ -92,8 +90,16 @@ def _in_the_mean(law: SamplingLaw) -> str:
     return " in mean square, and almost surely," if law.is_random else ""
 
 
-def _sampled(law: SamplingLaw, unit: str) -> str:
-    """`if samples come every 20 ms`."""
+def _sampled(report: Report) -> str:
+    """`if samples come every 20 ms`, `.., where they arrive 35 ms later`."""
+    unit = report.labels.time
+    late = arrival_words(report.plant.delays, unit)
+    return f"{_when(report.design.sampling, unit)}{late and f', where {late}'}"
+
+
+def _when(law: SamplingLaw, unit: str) -> str:
+    if law.is_on_change:
+        return f"if sensors send {law.text(unit)}"
     if law.is_updated:
         return "at the samples that the observer asks for"
     if law.has_sensors:
@@ -148,7 +154,7 @@ def _fails(name: str, bound: Bound) -> str:
 
 def _accuracy(report: Report) -> str:
     """How large errors stay."""
-    if report.check is None or not report.plant.is_perturbed:
+    if report.check is None:
         return ""
     bounds, told = report.check.bounds, list[str]()
     for head, sign in (("error", "±"), ("rms", "")):
@@ -164,9 +170,9 @@ def _accuracy(report: Report) -> str:
         one for one, there in (("noise", report.plant.is_noisy), ("disturbance", report.plant.is_disturbed)) if there
     )
     if told:
-        return f"With the declared {under} {told[0]}."
+        return f"With the declared {under} {told[0]}." if under else f"{told[0][0].upper()}{told[0][1:]}."
     open_ = report.check.claim(ERROR_BOUNDED)
-    if open_ is not None and open_.status == "undecided":
+    if under and open_ is not None and open_.status == "undecided":
         return f"How large the error stays under the declared {under} is not known."
     return ""
 
