@@ -35,7 +35,7 @@ class ObserverAlone(ClosedLoop):
         self.states, self.held = loop.observer.states, loop.held
         self.names = ("t", *self.states, *self.held)
         self.size = len(self.states)
-        self.flow = tuple(map(loop.closed, loop.observer.flow))
+        self.flow, self.is_triggered = tuple(map(loop.closed, loop.observer.flow)), False
 
 
 @dataclass

@@ -75,6 +75,12 @@ class Response(Method):
         response = cls(question.law, str(question.state))
         return response if response.prove(question).holds else None
 
+    @classmethod
+    def error_guess(cls, question: Question) -> float | None:
+        one = cls.propose(question)
+        error = None if one is None else one.prove(question).error
+        return None if error is None else float(error)
+
     def _prove(self, question: Question) -> Proof:
         i = number_of(self.state, question.plant)
         sizes = error_sizes(question.inclusion) if self.applies(question) else None

@@ -95,6 +95,10 @@ class GraphSize(ClockGraph):
         """Of the rate in the middle of those that `propose` tries."""
         if question.state is None or not cls.applies(question):
             return None
+        if question.law.is_multirate:
+            response = error_sizes(question.inclusion)
+            if response is not None and response.are_close:
+                return None
         question = question.afresh()  # the fastest rate is one gain's
         rates = _rates(question)
         one = cls._at(question.with_rate(rates[len(rates) // 2])) if rates else None
