@@ -91,7 +91,6 @@ class Late:
     stops: tuple[Stop, ...]
     jumps: Callable[[int, tuple[int, ...]], Jump]
     delays: tuple[Delay, ...]
-    losses: bool
     noise: Matrix
     disturbance: Matrix
     intensity: Matrix | None = None
@@ -199,7 +198,8 @@ class Late:
     def _choices(
         self, q: int, g: Exact, earliest: Exact, latest: Exact
     ) -> Iterator[tuple[tuple[int, ...], Exact, Exact]]:
-        """Which samples of a stamp g after the word's first one may be there, and between which times then."""
+        """Which samples of a stamp g after the word's first one may be there, and between which times then. One that is
+        lost never comes, but then the first one, which does, ends the word sooner: only a sensor alone loses any."""
         sensors = self.stops[q].sensors
         for which in product((True, False), repeat=len(sensors)):
             there = tuple(i for i, is_there in zip(sensors, which, strict=True) if is_there)
@@ -207,7 +207,7 @@ class Late:
             for i, is_there in zip(sensors, which, strict=True):
                 if is_there and not (at := g + self.delays[i].lower).is_at_most(low):
                     low = at
-                elif not is_there and not self.losses and not high.is_at_most(end := g + self.delays[i].upper):
+                elif not is_there and not high.is_at_most(end := g + self.delays[i].upper):
                     high = end
             if not _is_above(low, high):
                 yield there, low, high
@@ -350,7 +350,7 @@ def late_error(inclusion: HybridInclusion, maps: LateMaps, norm: Norm = "size") 
         radius = radius + _sizes(part) * (arb(high) - arb(low)).upper() / 2
     B = acting.drive.balls()
     return Late(
-        plant.n, center, _upper(radius), _stops(plant, law), jump, plant.delays, law.is_lossy or law.is_random,
+        plant.n, center, _upper(radius), _stops(plant, law), jump, plant.delays,
         _noise_sizes(plant, norm), _upper(_sizes(B) @ _column(_sizes_of(plant.disturbance, plant.n))),
         None if plant.intensity is None or norm == "size" else B @ plant.intensity.balls() @ B.T,
     )  # fmt: skip

@@ -176,6 +176,15 @@ def test_no_word_passes_the_bound_and_some_come_near(inclusion: HybridInclusion,
     assert np.all(met >= near * np.array(found)), met / np.array(found)
 
 
+@pytest.mark.parametrize("inclusion", [CASES[2][1], CASES[8][1]], ids=["overtaking", "two late"])
+def test_noise_of_all_that_has_overtaken_counts(inclusion: HybridInclusion) -> None:
+    b = np.array([1e-6, 1e-6])
+    quiet = replace(inclusion, plant=replace(inclusion.plant, disturbance=box("0", "0")))
+    found = np.array([float(one) for one in late_of(quiet, "K").errors([Exact("1e-6").ball()] * 2)])
+    met = worst(loop_of(quiet, "K"), b, np.random.default_rng(5), 1500)
+    assert np.all(met <= found * (1 + 1e-9)) and np.all(met >= 0.8 * found), met / found
+
+
 def test_short_delays_cost_in_proportion() -> None:
     """|e| grows at most by what its rate, with |x1|, |x2| <= 1, comes to: 1 + 0.1 K v, 1 + 1 - 0.3 + 0.2."""
     costs = []
