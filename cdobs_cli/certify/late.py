@@ -38,7 +38,7 @@ from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, NoiseMaps, PlantView
 from cdobs_cli.plant import Box, Plant
 from cdobs_cli.sampling import SamplingLaw
 
-MAX_FLOWS = 1500  # from one stamp to the next, of all words
+MAX_FLOWS, MAX_WORK = 1500, 4_000_000  # from one stamp to the next, of all words; the same times N^3
 CELLS = 24  # of the longest delay, over which an error is followed
 Norm = Literal["size", "mean square"]
 LateMaps = Callable[[PlantView[Any]], tuple[ErrorMaps[Any], NoiseMaps[Any]]]
@@ -91,7 +91,6 @@ class Late:
     stops: tuple[Stop, ...]
     jumps: Callable[[int, tuple[int, ...]], Jump]
     delays: tuple[Delay, ...]
-    losses: bool
     noise: Matrix
     disturbance: Matrix
     intensity: Matrix | None = None
@@ -159,15 +158,20 @@ class Late:
         return list(self._followed())
 
     def _followed(self) -> Iterator[Reach]:
-        flow, count = _Flow(self), 0
+        flow, count, most = _Flow(self), 0, min(MAX_FLOWS, MAX_WORK // self.N**3)
+
+        def counted(word: _Word) -> _Word:
+            nonlocal count
+            count += 1
+            if count > most:
+                raise NoBoundError(TOO_MANY)
+            return word
+
         soonest = min((one.lower for one in self.delays), key=float)
         for q, stop in enumerate(self.stops):
-            stack = [(q, EXACT_ZERO, one) for one in self._first(q, stop)]
+            stack = [(q, EXACT_ZERO, counted(one)) for one in self._first(q, stop)]
             while stack:
                 phase, g, word = stack.pop()
-                count += 1
-                if count > MAX_FLOWS:
-                    raise NoBoundError(TOO_MANY)
                 gap = self.stops[phase].gap
                 reach = flow.start if word.reach is None else word.reach
                 reach = self._after(reach, self.jumps(phase, word.there))
@@ -178,7 +182,7 @@ class Late:
                 yield from flow.along(reach, gap[1] if ends.is_at_most(word.latest) else word.latest - g)
                 following, arrived = (phase + 1) % len(self.stops), flow.over(reach, gap)
                 for there, earliest, latest in self._choices(following, then, word.earliest, word.latest):
-                    stack.append((following, then, _Word(there, earliest, latest, arrived)))
+                    stack.append((following, then, counted(_Word(there, earliest, latest, arrived))))
 
     def _first(self, q: int, stop: Stop) -> Iterator[_Word]:
         """The words that begin at a stamp: something is missing there."""
@@ -194,7 +198,8 @@ class Late:
     def _choices(
         self, q: int, g: Exact, earliest: Exact, latest: Exact
     ) -> Iterator[tuple[tuple[int, ...], Exact, Exact]]:
-        """Which samples of a stamp g after the word's first one may be there, and between which times then."""
+        """Which samples of a stamp g after the word's first one may be there, and between which times then. One that is
+        lost never comes, but then the first one, which does, ends the word sooner: only a sensor alone loses any."""
         sensors = self.stops[q].sensors
         for which in product((True, False), repeat=len(sensors)):
             there = tuple(i for i, is_there in zip(sensors, which, strict=True) if is_there)
@@ -202,7 +207,7 @@ class Late:
             for i, is_there in zip(sensors, which, strict=True):
                 if is_there and not (at := g + self.delays[i].lower).is_at_most(low):
                     low = at
-                elif not is_there and not self.losses and not high.is_at_most(end := g + self.delays[i].upper):
+                elif not is_there and not high.is_at_most(end := g + self.delays[i].upper):
                     high = end
             if not _is_above(low, high):
                 yield there, low, high
@@ -345,7 +350,7 @@ def late_error(inclusion: HybridInclusion, maps: LateMaps, norm: Norm = "size") 
         radius = radius + _sizes(part) * (arb(high) - arb(low)).upper() / 2
     B = acting.drive.balls()
     return Late(
-        plant.n, center, _upper(radius), _stops(plant, law), jump, plant.delays, law.is_lossy or law.is_random,
+        plant.n, center, _upper(radius), _stops(plant, law), jump, plant.delays,
         _noise_sizes(plant, norm), _upper(_sizes(B) @ _column(_sizes_of(plant.disturbance, plant.n))),
         None if plant.intensity is None or norm == "size" else B @ plant.intensity.balls() @ B.T,
     )  # fmt: skip

@@ -10,10 +10,12 @@ from cdobs_cli.report.numbers import end_text, float_or_none
 
 _DIGITS = 4
 _SHOWN = 24  # numbers of a gain in a cell
+_WITHOUT_DELAY = " Errors are those of an estimate without delays."
 
 
-def front_charts(design: Design, states: Sequence[str]) -> Iterator[Chart]:
-    """Proved errors, or rates, against the period; where the errors turn up stands a mark."""
+def front_charts(design: Design, states: Sequence[str], *, late: bool = False) -> Iterator[Chart]:
+    """Proved errors, or rates, against the period; where the errors turn up stands a mark. late: whether measurements
+    arrive late, of which the points do not know."""
     from cdobs_cli.report.trajectories import axis_name
 
     points = [(float_or_none(point.period), point) for point in design.front]
@@ -37,6 +39,7 @@ def front_charts(design: Design, states: Sequence[str]) -> Iterator[Chart]:
         caption = (
             f"The least proved error against the {law}, each point with a gain of its own, for the slopes claimed."
         )
+        caption += _WITHOUT_DELAY if late else ""
         if at is not None:
             caption += f" Up to the knee at {periods[at]:.4g} fewer samples cost little; beyond it they cost much."
         yield Chart("period_error", "Period against error", caption, tuple(panels))
@@ -62,8 +65,8 @@ def knee(periods: Sequence[float], values: Sequence[float]) -> int | None:
     return best if 0 < best < len(below) - 1 and below[best] > 0.1 else None
 
 
-def front_table(design: Design, states: Sequence[str]) -> Table | None:
-    """Every point with its gain."""
+def front_table(design: Design, states: Sequence[str], *, late: bool = False) -> Table | None:
+    """Every point with its gain; late: as of the charts."""
     if len(design.front) < 2:
         return None
     named = [name for name in states if any(name in point.error for point in design.front)]
@@ -78,6 +81,7 @@ def front_table(design: Design, states: Sequence[str]) -> Table | None:
         "Each point was proved when it was found, for the slopes claimed: that the estimate stays where they hold is "
         "shown of this design, which `check` proves at its law again."
     )
+    caption += _WITHOUT_DELAY if late and named else ""
     return Table("front", "Other periods", caption, (*columns, "gain"), tuple(rows))
 
 

@@ -105,7 +105,8 @@ class Report:
         if self.check is not None:
             common += [self.labels.chart(one) for one in witness_charts(self.check)]
         common += self.run_charts
-        common += [self.labels.chart(one, self._axes) for one in front_charts(self.design, self.plant.states)]
+        front = front_charts(self.design, self.plant.states, late=bool(self.plant.delays))
+        common += [self.labels.chart(one, self._axes) for one in front]
         own = {chart.name for chart in self.exhibits.charts}
         return (*(chart for chart in common if chart.name not in own), *self.exhibits.charts)
 

@@ -379,7 +379,7 @@ def _exhibits(report: Report) -> Section:
     blocks: list[Block] = []
     if report.exhibits.notes:
         blocks.append(Bullets(report.exhibits.notes))
-    front = front_table(report.design, report.plant.states)
+    front = front_table(report.design, report.plant.states, late=bool(report.plant.delays))
     if front is not None:
         blocks.append(_table(report.labels.table(front)))
     blocks += [_table(table) for table in report.exhibits.tables]

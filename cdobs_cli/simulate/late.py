@@ -17,6 +17,7 @@ import numpy as np
 
 from cdobs_cli.arrays import Array, Booleans, Integers
 from cdobs_cli.delays import Delay
+from cdobs_cli.errors import SpecError
 from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.run import SimulationPlan
 from cdobs_cli.simulate.flow import Flow
@@ -24,6 +25,8 @@ from cdobs_cli.simulate.integrator import End, Progress
 from cdobs_cli.simulate.loop import ClosedLoop, stacked
 from cdobs_cli.simulate.record import Grid
 from cdobs_cli.simulate.signals import Draws
+
+MAX_UNDER_WAY = 200  # samples: each arrival makes the jumps of those after it anew
 
 
 class ObserverAlone(ClosedLoop):
@@ -85,7 +88,14 @@ class Recompute:
         self, runs: Integers, index: int, which: Integers, t: Array, y: Array, held: Array, measured: Array
     ) -> tuple[Array, Array]:
         """Keep sample number `index` of the given runs, at t; returns all states after what is there of it at once, and
-        when each of its outputs arrives (p, len(runs)), not a number where one is not read."""
+        when each of its outputs arrives (p, len(runs)), not a number where one is not read.
+
+        Raises: SpecError where more are under way than can be followed.
+        """
+        if len(self._kept) >= MAX_UNDER_WAY:
+            at = next(one.field for one in self.delays if one.is_late)
+            what, hint = "too many samples are under way at a time", "shorten the delay or lengthen the period"
+            raise SpecError.at(at, what, str(len(self._kept) + 1), f"at most {MAX_UNDER_WAY}", hint)
         arrival = self._arrivals(runs, index, t, measured)
         sample = self._empty()
         sample.which[runs] = which

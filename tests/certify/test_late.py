@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from command import made
 from example_inclusions import plant
 from scipy.linalg import expm
 
@@ -174,6 +176,15 @@ def test_no_word_passes_the_bound_and_some_come_near(inclusion: HybridInclusion,
     assert np.all(met >= near * np.array(found)), met / np.array(found)
 
 
+@pytest.mark.parametrize("inclusion", [CASES[2][1], CASES[8][1]], ids=["overtaking", "two late"])
+def test_noise_of_all_that_has_overtaken_counts(inclusion: HybridInclusion) -> None:
+    b = np.array([1e-6, 1e-6])
+    quiet = replace(inclusion, plant=replace(inclusion.plant, disturbance=box("0", "0")))
+    found = np.array([float(one) for one in late_of(quiet, "K").errors([Exact("1e-6").ball()] * 2)])
+    met = worst(loop_of(quiet, "K"), b, np.random.default_rng(5), 1500)
+    assert np.all(met <= found * (1 + 1e-9)) and np.all(met >= 0.8 * found), met / found
+
+
 def test_short_delays_cost_in_proportion() -> None:
     """|e| grows at most by what its rate, with |x1|, |x2| <= 1, comes to: 1 + 0.1 K v, 1 + 1 - 0.3 + 0.2."""
     costs = []
@@ -229,3 +240,70 @@ def test_what_cannot_be_followed_is_told(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(module, "MAX_FLOWS", 1)
     with pytest.raises(NoBoundError):
         late_of(CASES[2][1], "K").errors([Exact("1").ball()] * 2)
+
+
+PENDULUM = """\
+spec_version: 1
+plant:
+  states: [theta, omega]
+  A: [[0, 1], [0, 0]]
+  phi: ["0", "-sin(theta)"]
+  lipschitz: [[0, 0], [1, 0]]
+  disturbance: {lower: [0, -0.2], upper: [0, 0.2]}
+measurement: {C: [[1, 0]], sampling: {period: 0.3}, delay: [0, 0.7], noise: {lower: [-0.1], upper: [0.1]}}
+observer: {family: FAMILY, gain: {GAIN}}
+simulation:
+  horizon: 20
+  initial_box: {lower: [-0.2, -0.2], upper: [0.2, 0.2]}
+  runs: 6
+  delays: DELAYS
+  signals: {d: ["0", "0.2*tanh(50*sin(W*t))"], v: ["0.1*tanh(50*sin(W*t + F))"]}
+"""
+
+
+@pytest.mark.parametrize(
+    ("family", "gain", "delays"),
+    [("reachability", "K: [[0.7], [0.6]]", "latest"), ("lpv_zoh", "L: [[3.11], [3.27]]", "random")],
+    ids=["jumps", "held"],
+)
+def test_no_run_passes_what_is_proved(tmp_path: Path, family: str, gain: str, delays: str) -> None:
+    text = PENDULUM.replace("FAMILY", family).replace("GAIN", gain).replace("DELAYS", delays)
+    check: dict[str, Any] = {}
+    largest: dict[str, float] = {}
+    for W, F in (("0.9", "0"), ("1.2", "3.1"), ("2.5", "1.5"), ("10.4", "0")):
+        stages = ("synthesize", "check", "simulate")
+        done = made(tmp_path, text.replace("W", W).replace("F)", f"{F})"), stages)
+        assert done.check is not None and done.simulation is not None
+        assert [str(one) for one in done.messages if one.severity == "error"] == []
+        check = done.check
+        for state, size in done.simulation["overall"]["error_max"].items():
+            largest[state] = max(largest.get(state, 0.0), size)
+    bounds = {state: float(check["bounds"][f"error_transient.{state}"]["proved"]) for state in largest}
+    assert check["verdict"] == "proved"
+    assert all(0.2 * bounds[state] < size <= bounds[state] for state, size in largest.items()), (largest, bounds)
+
+
+DOMAIN = """\
+spec_version: 1
+plant:
+  states: [theta, omega]
+  dynamics: ["omega", "-theta**3 - 0.4*omega - 0.5*theta"]
+  output: [theta]
+  domain: {theta: [-1.2, 1.2], omega: [-2, 2]}
+measurement: {sampling: {period: 0.2}, delay: DELAY, noise: {lower: [-0.01], upper: [0.01]}}
+observer: {family: reachability, saturate: false}
+simulation: {horizon: 1, initial_state: [0.8, 0], initial_estimate: [0.75, 0]}
+"""
+
+
+def test_a_margin_of_the_domain_counts_what_is_under_way(tmp_path: Path) -> None:
+    """Without the delay a smaller one would do; with it, that one is not enough."""
+    margins = []
+    for late in ("0", "0.3"):
+        done = made(tmp_path, DOMAIN.replace("DELAY", late), ("synthesize", "check"))
+        assert done.design is not None and done.check is not None and done.check["verdict"] == "proved"
+        estimate, bounds = done.design["estimate"], done.check["bounds"]
+        assert estimate["way"] == "margin"
+        margins.append({state: float(size) for state, size in estimate["margin"].items()})
+        assert all(float(bounds[f"error_transient.{one}"]["proved"]) <= size for one, size in margins[-1].items())
+    assert all(margins[1][state] > 1.1 * margins[0][state] for state in ("theta", "omega"))
