@@ -33,7 +33,7 @@ from cdobs_cli.store import ARTEFACTS, Store, sealed
 
 SPECS = (
     "interval_pendulum", "interval_scalar", "interval_scalar_best",
-    "lpv_zoh_duffing", "lpv_zoh_flexible_joint_auto", "lpv_zoh_sine",
+    "lpv_zoh_duffing", "lpv_zoh_flexible_joint_auto", "lpv_zoh_sine", "plant_crane_messages",
     "reachability_chain3", "reachability_feedforward", "reachability_pendulum_printed_set",
     "updated_sampling_theorem_2", "updated_sampling_unstable", "updated_sampling_unstable_best",
 )  # fmt: skip
