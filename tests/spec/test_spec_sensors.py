@@ -77,7 +77,7 @@ def test_the_interval_that_is_shown_runs(tmp_path: Path) -> None:
     ("{a: {C: [[1, 0]], output: [p], period: 1}}", "what the sensor measures is expected, once"),
     ("{a: {output: [p], period: 1}}", "goes with `dynamics`"),
     ("{a: {C: [[1, 0, 0]], period: 1}}", "column for each state"),
-    ("{a: {C: [[1, 0]], period: 1e-6}, b: {C: [[0, 1]], period: 1e6}}", "only after"),
+    ("{a: {C: [[1, 0]], period: 1e-6}, b: {C: [[0, 1]], period: 1000000.0000005}}", "only after"),
     ("{a: {C: [[1, 0]], period: 1}, b: {C: [[0, 1]], period: pi}}", "no rational multiple"),
     ("{a: {C: [[1, 0]], period: 1, offset: 0.1}, b: {C: [[0, 1]], period: 1, offset: 0.2}}", "has the offset 0"),
     ("{a: {C: [[1, 0]], period: 1, lag: 2}}", "unknown key"),
