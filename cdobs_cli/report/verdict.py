@@ -115,7 +115,7 @@ def _settling(report: Report) -> str:
     factor, rate = float_or_none(envelope.get("factor")), float_or_none(envelope.get("rate"))
     if factor is None or rate is None or not rate > 0 or not math.isfinite(factor):
         return ""
-    noisy = " but for what noise and disturbance add" if report.plant.is_perturbed else ""
+    noisy = ", apart from what noise and disturbance add" if report.plant.is_perturbed else ""
     if math.isinf(rate):
         return ""
     time = math.log(_SETTLED * max(factor, 1.0)) / rate
@@ -184,6 +184,8 @@ def _size(bound: Bound) -> str:
 
 def _assumed(report: Report) -> Iterator[str]:
     """What the verdict takes for granted."""
+    if report.design.outcome == "none":
+        return
     yield from (condition if condition.endswith(".") else f"{condition}." for condition in report.conditions)
 
 
@@ -204,6 +206,6 @@ def _short(text: str, digits: int, *, up: bool) -> str:
     value = float_or_none(text)
     if value is None:
         return text
-    if len(text.replace(".", "").strip("0")) <= 8 and not up:
+    if math.isfinite(value) and len(text.replace(".", "").strip("0")) <= 8 and not up:
         return text.rstrip("0").rstrip(".") if "." in text else text
     return end_text(text, digits if up else max(digits, 6), up=up)
