@@ -165,10 +165,10 @@ def run_all(
 def explain(
     identifier: Annotated[
         str | None,
-        typer.Argument(metavar="[ID]", help="A claim, bound, verdict, message or topic; none: all."),
+        typer.Argument(metavar="ID", help="A claim, bound, verdict, message or topic; none: all."),
     ] = None,
     spec: Annotated[
-        Path | None, typer.Argument(metavar="[SPEC]", help="Tell also what the results of this spec say of it.")
+        Path | None, typer.Argument(metavar="SPEC", help="Tell also what the results of this spec say of it.")
     ] = None,
     out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where results are.")] = Path("results"),
     output: Annotated[Plain, typer.Option("--format", help="Format of stdout.")] = Plain.text,

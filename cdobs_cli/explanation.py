@@ -204,7 +204,8 @@ def _claim_lines(spec: str, claim: Claim) -> Iterator[str]:
     yield _filled(f"{claim.id}: {claim.status} ({kind})", 2)
     yield _filled(claim.statement, 6)
     told = [f"margin {margin_text(claim.margin)}"] if claim.margin is not None else []
-    told += [f"by {how}" for how in (claim.method, claim.by) if how is not None]
+    told += [f"method {claim.method}"] if claim.method is not None else []
+    told += [f"rests on {claim.by}"] if claim.by is not None else []
     told.append(f"source: {claim.source}")
     yield _filled("; ".join(told), 6)
     if claim.witness is not None:

@@ -268,6 +268,16 @@ def test_a_page(tmp_path: Path) -> None:
     assert document["id"] == "slopes.2.1" and document["ids"] == ["slopes.<i>.<j>"] and document["results"] is None
 
 
+@pytest.mark.parametrize("columns", [20, 57, 300])
+def test_paragraphs_are_as_wide_as_the_terminal(
+    columns: int, results: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    shutil.copytree(results, tmp_path, dirs_exist_ok=True)
+    told = explain(tmp_path, "convergence", "s.yaml").stdout.splitlines()
+    assert 0.8 * min(100, max(40, columns)) < max(map(len, told)) <= min(100, max(40, columns))
+
+
 @pytest.mark.parametrize(
     "path", ["bounds.period_max.proved", "check.claims.convergence.status", "claims.slopes.2.1.margin"]
 )
@@ -320,6 +330,17 @@ def test_results_by_pattern_method_status_and_kind(results: Path) -> None:
     assert "  nothing there is about it" in explain(results, "theorem_1.gain", "s.yaml").stdout
     told = explain(results, "error.omega", "s.yaml").stdout
     assert "  error.omega: proved 0." in told and "less is better" in told
+
+
+def test_results_of_a_spec_that_leaves_its_family_open(tmp_path: Path) -> None:
+    lines = PENDULUM.splitlines(keepends=True)
+    text = "".join(one for one in lines if not one.startswith(("observer:", "  family:", "  method:")))
+    made(tmp_path, text, ("check",))
+    told = " ".join(explain(tmp_path, "convergence", "s.yaml", "-o", ".").stdout.split())
+    assert "no current design.json" in told  # they are in out/, not in s/
+    (tmp_path / "out").rename(tmp_path / "s")
+    told = explain(tmp_path, "convergence", "s.yaml", "-o", ".").stdout
+    assert "  convergence: proved (consequence, required)" in told
 
 
 def test_units_are_those_of_the_spec(results: Path, tmp_path: Path) -> None:
