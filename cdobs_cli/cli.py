@@ -162,6 +162,38 @@ def run_all(
 
 
 @app.command()
+def explain(
+    identifier: Annotated[
+        str | None,
+        typer.Argument(metavar="ID", help="A claim, bound, verdict, message or topic; none: all."),
+    ] = None,
+    spec: Annotated[
+        Path | None, typer.Argument(metavar="SPEC", help="Tell also what the results of this spec say of it.")
+    ] = None,
+    out: Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where results are.")] = Path("results"),
+    output: Annotated[Plain, typer.Option("--format", help="Format of stdout.")] = Plain.text,
+) -> None:
+    """Explain what a claim, bound, verdict or message means, and what to do next."""
+    from cdobs_cli import explanation
+    from cdobs_cli.explain.pages import pages
+
+    if identifier is None:
+        found: Any = [page.document() for page in pages()]
+        text = explanation.list_text()
+    else:
+        known, page = explanation.explained(identifier)
+        said = None if spec is None else explanation.stored(known, page, spec, out)
+        found = {"id": known, **page.document(), "results": None if said is None else said.document()}
+        text = explanation.page_text(known, page, said)
+    if output is Plain.json:
+        import json
+
+        say(json.dumps(found, indent=1))
+    else:
+        say(text)
+
+
+@app.command()
 def schema() -> None:
     """Print the JSON Schema of a spec, for YAML editors."""
     import json

@@ -328,6 +328,18 @@ def report(work: Work) -> list[Path]:
 
 
 def _report(work: Work) -> list[Path]:
+    design = take_stored(work)
+    if work.simulation is None and work.spec.simulation is not None and design.outcome != "none":
+        work.simulation = _stored_simulation(work, design)
+    return _render(work)
+
+
+def take_stored(work: Work) -> Design:
+    """Design and check of this spec as they are stored, or as this command made them; returns the design.
+
+    Raises:
+        ArtefactError: there is none of them, or it was edited or damaged.
+    """
     design = work.design or work.store.design()
     if design is None or not (design is work.design or _is_current(work, design)):
         raise _unusable(work, "design.json", "for this spec", is_whole=design is not None)
@@ -335,9 +347,7 @@ def _report(work: Work) -> list[Path]:
     if stored is None:
         raise _unusable(work, "check.json", "for this design", is_whole=work.store.check() is not None)
     work.design, work.check = design, stored
-    if work.simulation is None and work.spec.simulation is not None and design.outcome != "none":
-        work.simulation = _stored_simulation(work, design)
-    return _render(work)
+    return design
 
 
 def _unusable(work: Work, name: str, what_for: str, *, is_whole: bool) -> ArtefactError:

@@ -87,7 +87,12 @@ SARIF = _closed(
                                     "name": _TEXT, "version": {"type": "string", "pattern": r"^\d+\.\d+\.\d+"},
                                     "rules": {
                                         "type": "array", "uniqueItems": True,
-                                        "items": _closed({"id": _TEXT, "name": _TEXT}),
+                                        "items": _closed(
+                                            {
+                                                "id": _TEXT, "name": _TEXT, "shortDescription": _MESSAGE,
+                                                "help": _MESSAGE,
+                                            }
+                                        ),
                                     },
                                 }
                             )

@@ -9,9 +9,11 @@ from urllib.parse import quote
 
 from cdobs_cli import __version__
 from cdobs_cli.errors import ExitCode
+from cdobs_cli.explain.pages import find, pages
 from cdobs_cli.formats.json import json_text
 from cdobs_cli.outcome import Message, Result
 
+pages()  # read while there are descriptors left for it
 _SCHEMA = "https://json.schemastore.org/sarif-2.1.0.json"
 
 
@@ -20,7 +22,7 @@ def document(command: str, results: list[Result], code: ExitCode) -> str:
     failed = [message for result in results if result.status == "failed" for message in result.messages]
     messages = [message for result in results if result.status != "failed" for message in result.messages]
     rules = sorted({message.rule for message in messages})
-    driver = {"name": "cdobs", "version": __version__, "rules": [{"id": rule, "name": _pascal(rule)} for rule in rules]}
+    driver = {"name": "cdobs", "version": __version__, "rules": [_rule(rule) for rule in rules]}
     invocation = {
         "executionSuccessful": code != ExitCode.FAILED, "exitCode": int(code), "commandLine": f"cdobs {command}",
         "toolExecutionNotifications": [
@@ -57,6 +59,17 @@ def _uri(path: PurePath) -> str:
     """Relative paths stay relative; names that are not UTF-8 keep their bytes."""
     address = quote(os.fsencode(path.as_posix()))
     return f"file://{address}" if path.is_absolute() else address
+
+
+def _rule(rule: str) -> dict[str, Any]:
+    """With what `cdobs explain` says of it, which code scanning shows beside a finding."""
+    described: dict[str, Any] = {"id": rule, "name": _pascal(rule)}
+    page = find(rule)
+    if page is not None:
+        told = [f"{title}. {text}" for title, text in page.parts]
+        described["shortDescription"] = {"text": page.first_sentence}
+        described["help"] = {"text": "\n\n".join(told)}
+    return described
 
 
 def _pascal(rule: str) -> str:

@@ -23,7 +23,16 @@ class Code:
     text: str
 
 
-Cell = str | Mark | Code
+@dataclass(frozen=True)
+class Term:
+    """A word that a page of `cdobs explain` is about; is_code: the id itself."""
+
+    text: str
+    id: str
+    is_code: bool = False
+
+
+Cell = str | Mark | Code | Term
 
 
 @dataclass(frozen=True)

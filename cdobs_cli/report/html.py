@@ -7,8 +7,21 @@ from collections.abc import Mapping
 from html import escape
 
 from cdobs_cli.printable import printable
-from cdobs_cli.report.blocks import Block, Bullets, Cell, Code, Grid, Listing, Mark, Mathematics, Paragraph, Picture
+from cdobs_cli.report.blocks import (
+    Block,
+    Bullets,
+    Cell,
+    Code,
+    Grid,
+    Listing,
+    Mark,
+    Mathematics,
+    Paragraph,
+    Picture,
+    Term,
+)
 from cdobs_cli.report.equations import mathml_block
+from cdobs_cli.report.glossary import glossary, linked
 from cdobs_cli.report.model import Report
 from cdobs_cli.report.numbers import NOTHING
 from cdobs_cli.report.sections import sections
@@ -25,6 +38,7 @@ def html_page(report: Report, pictures: Mapping[str, bytes]) -> str:
     for section in sections(report):
         body.append(f"<h2>{escape(section.title)}</h2>")
         body += [_block(block, pictures) for block in section.blocks]
+    body.append(glossary(report))
     return page(escape(report.title), "\n".join(body))
 
 
@@ -72,6 +86,10 @@ def _cell(cell: Cell, column: str) -> str:
     match cell:
         case Mark(status):
             return f"<td{label}>{status_badge(status)}</td>"
+        case Term(text, identifier, is_code):
+            shown = f"<code>{_breakable(text)}</code>" if is_code else escape(text)
+            kind = ' class="name"' if is_code and len(text) <= 40 else ""
+            return f"<td{label}{kind}>{linked(shown, identifier)}</td>"
         case Code(text):
             kind = ' class="name"' if len(text) <= 40 else ""
             return f"<td{label}{kind}><code>{_breakable(text)}</code></td>"

@@ -23,6 +23,7 @@ from cdobs_cli.report.blocks import (
     Paragraph,
     Picture,
     Section,
+    Term,
 )
 from cdobs_cli.report.front import front_table
 from cdobs_cli.report.ladder import Ladder
@@ -242,14 +243,15 @@ def _group(claim: Claim) -> str:
 
 def _claim_row(claim: Claim) -> tuple[Cell, ...]:
     method = claim.method or (f"by {claim.by}" if claim.by else NOTHING)
-    return Code(claim.id), Mark(claim.status), claim.statement, margin_text(claim.margin), method, claim.source
+    name = Term(claim.id, claim.id, is_code=True)
+    return name, Mark(claim.status), claim.statement, margin_text(claim.margin), method, claim.source
 
 
 def _bounds(report: Report) -> Section:
     blocks: list[Block] = [Picture(chart) for chart in report.charts if isinstance(chart, Ladder)]
     if report.check is not None and report.check.bounds:
         rows = tuple(
-            (bound_title(name), *ends_text(bound), bound.unit, bound.method or NOTHING, about_text(bound))
+            (Term(bound_title(name), name), *ends_text(bound), bound.unit, bound.method or NOTHING, about_text(bound))
             for name, bound in report.check.bounds.items()
         )
         caption = "Proved and refuted ends, rounded to the safe side. Between them nothing is known."

@@ -5,7 +5,19 @@ from __future__ import annotations
 import re
 
 from cdobs_cli import printable
-from cdobs_cli.report.blocks import Block, Bullets, Cell, Code, Grid, Listing, Mark, Mathematics, Paragraph, Picture
+from cdobs_cli.report.blocks import (
+    Block,
+    Bullets,
+    Cell,
+    Code,
+    Grid,
+    Listing,
+    Mark,
+    Mathematics,
+    Paragraph,
+    Picture,
+    Term,
+)
 from cdobs_cli.report.equations import latex_block
 from cdobs_cli.report.model import Report
 from cdobs_cli.report.sections import sections
@@ -62,7 +74,9 @@ def _cell(cell: Cell) -> str:
     match cell:
         case Mark(status):
             return f"{SYMBOLS[status]} {status}"
-        case Code(text):
+        case Term(text, _, is_code) if not is_code:
+            return escape(text)
+        case Code(text) | Term(text):
             return "`" + printable.printable(text).replace("`", "'").replace("|", "/") + "`"
         case _:
             return escape(cell)
