@@ -124,7 +124,12 @@ class Console:
         return self._paint(word, _COLOURS[word], stream) if word in _COLOURS else word
 
     def _coloured(self, line: str) -> str:
-        return " ".join(self._word(word, sys.stdout) for word in line.split(" "))
+        """With its status word in colour: the first word, or the one behind a name and a colon."""
+        words = line.split(" ")
+        first = next((k for k, word in enumerate(words) if word), 0)
+        place = first + 1 if words[first].endswith(":") and len(words) > first + 1 else first
+        words[place] = self._word(words[place], sys.stdout)
+        return " ".join(words)
 
 
 @dataclass
