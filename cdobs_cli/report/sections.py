@@ -25,6 +25,7 @@ from cdobs_cli.report.blocks import (
     Section,
     Term,
 )
+from cdobs_cli.report.counterexamples import SAID, in_words, quantity_names
 from cdobs_cli.report.front import front_table
 from cdobs_cli.report.ladder import Ladder
 from cdobs_cli.report.model import Report, bound_title, domain_text
@@ -268,39 +269,25 @@ def _witnesses(report: Report) -> Section:
             if first != claim.id:
                 blocks.append(Paragraph(f"{claim.id}: the same counterexample as {first}."))
                 continue
-            blocks.append(Paragraph(f"{claim.id}: {witness_text(claim.witness)}"))
+            told_in_words = in_words(claim.witness, report.plant, report.design.sampling, report.labels.time)
+            blocks.append(Paragraph(f"{claim.id}: {told_in_words}"))
             if claim.witness.kind != "noise":  # that is a word of hundreds of numbers, for `simulate --witness`
-                blocks += _arcs(claim.witness, report.labels)
-                blocks += [_data(claim.witness)] if claim.witness.data else []
+                blocks += _arcs(claim.witness, report)
+                blocks += _data(claim.witness)
             blocks += [Picture(chart) for chart in report.charts if chart.name == witness_name(claim)]
             if claim.witness.kind in ("constant", "switching", "box", "noise"):
                 blocks.append(Listing((f"cdobs simulate {quote(report.spec_path)} --witness {claim.id}",)))
     return Section("Counterexamples", tuple(blocks))
 
 
-def witness_text(witness: Witness) -> str:
-    """What a counterexample is, in a sentence or two."""
-    kind = {
-        "constant": "constant slopes defeat the claim", "switching": "slopes that switch defeat the claim",
-        "vector": "a vector defeats the claim", "point": "a point of the domain defeats the claim",
-        "box": "a box of x(0) and a word of sampling periods defeat the claim",
-        "noise": "slopes, disturbance and noise, repeated, make the error as large as is said",
-    }[witness.kind]  # fmt: skip
-    if witness.kind == "constant" and not any(witness.values):
-        kind = "sampling at this period defeats the claim"
-    if witness.kind == "vector" and not witness.values:
-        return "these numbers defeat the claim."
-    growth = f" The error grows by {witness.multiplier} in size from period to period." if witness.multiplier else ""
-    about = "the class: some plant with these slopes" if witness.about == "class" else "the plant as typed"
-    return f"{kind}.{growth} It concerns {about}."
-
-
-def _data(witness: Witness) -> Grid:
-    """What a family stored with a counterexample."""
-    rows = tuple(_flat("", witness.data))
+def _data(witness: Witness) -> tuple[Block, ...]:
+    """What a family stored with a counterexample, and the words do not say."""
+    rows = tuple(_flat("", {name: value for name, value in witness.data.items() if name not in SAID}))
+    if not rows:
+        return ()
     shown = tuple((name, Code(text)) for name, text in rows[:MAX_RUN_ROWS])
     caption = f"The first {MAX_RUN_ROWS} of {len(rows)}." if len(rows) > MAX_RUN_ROWS else ""
-    return Grid(("quantity", "value"), shown, "", caption)
+    return (Grid(("quantity", "value"), shown, "", caption),)
 
 
 def _flat(name: str, value: Any) -> Iterator[tuple[str, str]]:
@@ -317,11 +304,14 @@ def _flat(name: str, value: Any) -> Iterator[tuple[str, str]]:
         yield name, number_text(value, 17)
 
 
-def _arcs(witness: Witness, labels: Labels) -> tuple[Block, ...]:
+def _arcs(witness: Witness, report: Report) -> tuple[Block, ...]:
+    """Slopes over time; words tell a single arc."""
+    if len(witness.values) <= 1 and witness.kind in ("constant", "switching", "vector"):
+        return ()
     if not witness.values:
         return ()
-    width = max(len(row) for row in witness.values)
-    names = [f"slope {i + 1}.{j + 1}" for i, j in witness.entries][:width]
+    labels, width = report.labels, max(len(row) for row in witness.values)
+    names = list(quantity_names(witness, report.plant))[:width]
     names += [f"value {index + 1}" for index in range(len(names), width)]
     timed = bool(witness.times)
     rows = []
