@@ -63,14 +63,13 @@ def _direction(witness: Witness, plant: Plant) -> str:
         if witness.values
         else ""
     )
-    return f"An error along {' + '.join(parts)} is never seen by a measurement{fixed and f', with {fixed}'}."
+    return f"An error along {' + '.join(parts).replace('+ -', '- ')} is never seen by a measurement{fixed and f', with {fixed}'}."
 
 
 def _word(witness: Witness, law: SamplingLaw, unit: str) -> str:
     """When samples come: `every 1.5 s`, `after 0.1 s (a), 0.2 s (nothing arrives)`."""
-    counts, times = witness.data.get("arcs"), list(map(_number, witness.times))
-    if not isinstance(counts, list) or sum(counts) != len(times):
-        return f"as listed, {unit}"
+    times = list(map(_number, witness.times))
+    counts = witness.data.get("arcs") or [len(times)]
     starts = [sum(counts[:k]) for k in range(len(counts))]
     periods = [sum(times[start : start + count]) for start, count in zip(starts, counts, strict=True)]
     readings = witness.data.get("readings") or [None] * len(periods)
@@ -120,7 +119,7 @@ def _growth(witness: Witness) -> str:
     size = float_or_none(witness.multiplier)
     if size is None or witness.kind in ("noise", "point"):
         return ""
-    text = end_text(witness.multiplier, 4, up=False)
+    text = end_text(witness.multiplier, 4 if size > 1.01 else 7, up=False)
     if size > 1:
         how = "from sample to sample" if len(witness.data.get("arcs", ())) <= 1 else "each time"
         return f"Some error is then at least {text} times as large {how}."

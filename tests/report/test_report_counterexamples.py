@@ -23,8 +23,8 @@ def told(witness: Witness, law: SamplingLaw = LAW) -> str:
 def test_constant_slopes() -> None:
     witness = Witness("constant", "class", ("1.5",), (("-1",),), "1.76076334323", ENTRY, {"arcs": [1]})
     assert told(witness) == (
-        "Samples come every 1.5 s, while d phi_omega / d theta is -1, again and again. Some error is then at least 1.76 "
-        "times as large from sample to sample. Some plant with these slopes does so; the typed one may still converge."
+        "Samples come every 1.5 s, while d phi_omega / d theta is -1, again and again. Some error is then at least "
+        "1.76 times as large from sample to sample. Some plant with these slopes does so; the typed one may still converge."
     )
 
 
@@ -48,7 +48,7 @@ def test_what_is_read_and_what_is_lost() -> None:
 def test_an_error_that_is_never_seen() -> None:
     data = {"arcs": [1], "direction": ["1", "-1/2"], "states": ["theta", "omega"]}
     witness = Witness("vector", "class", ("1.5",), (("1",),), None, ENTRY, data)
-    first = "An error along 1 theta + -0.5 omega is never seen by a measurement, with d phi_omega / d theta = 1."
+    first = "An error along 1 theta - 0.5 omega is never seen by a measurement, with d phi_omega / d theta = 1."
     assert told(witness).startswith(first)
 
 
