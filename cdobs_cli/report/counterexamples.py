@@ -17,6 +17,8 @@ SAID = ("arcs", "readings", "outputs", "direction", "states")
 
 def in_words(witness: Witness, plant: Plant, law: SamplingLaw, unit: str) -> str:
     """A few sentences."""
+    if witness.kind == "vector" and not _direction(witness, plant):
+        return "These numbers defeat the claim."
     told = (_what_happens(witness, plant, law, unit), _growth(witness), _whom(witness))
     return " ".join(sentence for sentence in told if sentence)
 
@@ -42,7 +44,7 @@ def _what_happens(witness: Witness, plant: Plant, law: SamplingLaw, unit: str) -
     if witness.kind == "point":
         return "At one point of the domain the claim does not hold."
     if witness.kind == "vector":
-        return _direction(witness, plant) or "These numbers defeat the claim."
+        return _direction(witness, plant)
     slopes = _slopes(witness, plant, unit)
     return f"Samples come {_word(witness, law, unit)}{slopes and f', while {slopes}'}, again and again."
 
@@ -57,13 +59,12 @@ def _direction(witness: Witness, plant: Plant) -> str:
         for text, name in zip(entries, plant.states, strict=False)
         if Fraction(text)
     ]
-    named = quantity_names(witness, plant)
-    fixed = (
-        ", ".join(f"{name} = {_short(value)}" for name, value in zip(named, witness.values[0], strict=False))
-        if witness.values
-        else ""
+    direction = " + ".join(parts).replace("+ -", "- ")
+    values = witness.values[0] if witness.values else ()
+    fixed = ", ".join(
+        f"{name} = {_short(value)}" for name, value in zip(quantity_names(witness, plant), values, strict=False)
     )
-    return f"An error along {' + '.join(parts).replace('+ -', '- ')} is never seen by a measurement{fixed and f', with {fixed}'}."
+    return f"An error along {direction} is never seen by a measurement{fixed and f', with {fixed}'}."
 
 
 def _word(witness: Witness, law: SamplingLaw, unit: str) -> str:

@@ -24,7 +24,8 @@ def test_constant_slopes() -> None:
     witness = Witness("constant", "class", ("1.5",), (("-1",),), "1.76076334323", ENTRY, {"arcs": [1]})
     assert told(witness) == (
         "Samples come every 1.5 s, while d phi_omega / d theta is -1, again and again. Some error is then at least "
-        "1.76 times as large from sample to sample. Some plant with these slopes does so; the typed one may still converge."
+        "1.76 times as large from sample to sample. Some plant with these slopes does so; the typed one may still "
+        "converge."
     )
 
 
