@@ -94,14 +94,14 @@ def run(job: Job, stages: tuple[str, ...], settings: Settings, tell: Tell | None
 
     With a time limit, what is known before each stage is given to `tell`; where it is followed, what is being done.
     """
-    start = time.perf_counter()
+    start, busy = time.perf_counter(), time.process_time()
     try:
         if job.refused is not None:
             raise UsageError(job.refused)
         result = _run(job, stages, settings, tell)
     except Exception as error:
         result = _ended_by(error, str(job.spec), settings)
-    return replace(result, seconds=time.perf_counter() - start)
+    return replace(result, seconds=time.perf_counter() - start, cpu=time.process_time() - busy)
 
 
 def _ended_by(error: Exception, spec: str, settings: Settings) -> Result:

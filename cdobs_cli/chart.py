@@ -9,8 +9,10 @@ from typing import Any, Literal
 from cdobs_cli.certificate import Bound
 
 # line: a curve; steps: held until the next x; points: markers; stems: lines from 0; band: filled between y and y2;
-# limit: a horizontal line at y[0] over the whole panel; mark: a vertical line at x[0] over the whole panel.
-SeriesKind = Literal["line", "steps", "points", "stems", "band", "limit", "mark"]
+# limit: a horizontal line at y[0] over the whole panel; mark: a vertical line at x[0] over the whole panel; cells: the
+# colour of y2 around each (x, y) of a grid.
+SeriesKind = Literal["line", "steps", "points", "stems", "band", "limit", "mark", "cells"]
+AxisScale = Literal["linear", "log"]
 # truth: what really is; estimate: what the observer says; proved: a proved bound; refuted: a counterexample;
 # measured: data at samples; arrived: the same, when they are there; beside: what is compared with, drawn thin; other:
 # anything else (the next free colour).
@@ -39,8 +41,8 @@ class Panel:
     x_label: str
     y_label: str
     series: tuple[Series, ...]
-    y_scale: Literal["linear", "log"] = "linear"
-    x_scale: Literal["linear", "log"] = "linear"
+    y_scale: AxisScale = "linear"
+    x_scale: AxisScale = "linear"
     y_range: tuple[float, float] | None = None
 
 

@@ -16,7 +16,7 @@ import typer
 
 from cdobs_cli import __version__
 from cdobs_cli.console import Console, LostStreamError, say
-from cdobs_cli.errors import INTERRUPTED, CdobsError, ExitCode, untold
+from cdobs_cli.errors import INTERRUPTED, CdobsError, ExitCode, UsageError, untold
 from cdobs_cli.printable import line, lines
 
 app = typer.Typer(
@@ -36,25 +36,32 @@ Stages = tuple[str, ...]
 _INTERRUPTED = 130  # what typer makes of Ctrl-C
 
 
+Out = Annotated[Path, typer.Option("-o", "--out", metavar="DIR", help="Where results go, one folder a spec.")]
+Effort = Annotated[int, typer.Option(min=0, max=3, help="Refinement of searches and counterexamples.")]
+Force = Annotated[bool, typer.Option("--force", help="Redo what is current.")]
+Output = Annotated[Format, typer.Option("--format", help="Format of stdout.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print findings only.")]
+Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say where an internal error happened.")]
+NoColor = Annotated[bool, typer.Option("--no-color", help="Plain text (also with NO_COLOR).")]
+
+
 def _common(
     paths: Annotated[
         list[Path], typer.Argument(metavar="PATH..", help="A spec, or a directory: every *.yaml and *.yml below it.")
     ],
-    out: Annotated[
-        Path, typer.Option("-o", "--out", metavar="DIR", help="Where results go, one folder a spec.")
-    ] = Path("results"),
-    effort: Annotated[int, typer.Option(min=0, max=3, help="Refinement of searches and counterexamples.")] = 1,
-    force: Annotated[bool, typer.Option("--force", help="Redo what is current.")] = False,
+    out: Out = Path("results"),
+    effort: Effort = 1,
+    force: Force = False,
     jobs: Annotated[
         int, typer.Option(min=1, max=256, metavar="N", help="Specs at a time; of a single one, batches of runs.")
     ] = 1,
     time_limit: Annotated[
         float | None, typer.Option(min=0, metavar="S", help="Seconds a spec; what is not finished is undecided.")
     ] = None,
-    output: Annotated[Format, typer.Option("--format", help="Format of stdout.")] = Format.text,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="Print findings only.")] = False,
-    verbose: Annotated[bool, typer.Option("-v", "--verbose", help="Say where an internal error happened.")] = False,
-    no_color: Annotated[bool, typer.Option("--no-color", help="Plain text (also with NO_COLOR).")] = False,
+    output: Output = Format.text,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    no_color: NoColor = False,
 ) -> None:
     """What the commands about specs take."""
 
@@ -159,6 +166,48 @@ def run_all(
 ) -> Stages:
     """Carry out all stages in order."""
     return tuple(stage for stage in STAGES if not (no_report and stage == "report"))
+
+
+@app.command()
+def sweep(
+    spec: Annotated[Path, typer.Argument(metavar="SPEC", help="The spec whose fields change.")],
+    sets: Annotated[
+        list[str],
+        typer.Option(
+            "--set", metavar="FIELD=VALUES",
+            help="A field as a dotted path, and v1,v2,.. or lo:hi:count; several fields make a grid.",
+        ),
+    ],
+    out: Out = Path("results"),
+    shard: Annotated[
+        str | None, typer.Option(metavar="I/N", help="Carry out every N-th point only, from the I-th on.")
+    ] = None,
+    merge: Annotated[
+        bool, typer.Option("--merge", help="Write table and figures from what the parts left; nothing is computed.")
+    ] = False,
+    effort: Effort = 1,
+    force: Force = False,
+    jobs: Annotated[int, typer.Option(min=1, max=256, metavar="N", help="Points at a time.")] = 1,
+    time_limit: Annotated[
+        float | None, typer.Option(min=0, metavar="S", help="Seconds a point; what is not finished is undecided.")
+    ] = None,
+    output: Output = Format.text,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    no_color: NoColor = False,
+) -> None:  # fmt: skip
+    """Design and check a spec at every point of a grid over its fields: one CSV, figures.
+
+    What stands is not done again: a sweep that was killed goes on.
+    """
+    from cdobs_cli.batch import Settings
+    from cdobs_cli.sweep.run import carry_out
+
+    if merge and shard is not None:
+        raise UsageError("--merge puts all parts together; leave --shard away")
+    console = Console(output.value, quiet=quiet, no_color=no_color, verbose=verbose)
+    settings = Settings(out, effort, force, verbose, jobs, time_limit)
+    raise typer.Exit(carry_out(spec, sets, settings, console, shard=shard, merge=merge))
 
 
 @app.command()

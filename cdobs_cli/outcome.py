@@ -63,7 +63,8 @@ class Result:
 
     headline, summary: one line and a few lines for people. expected: names of the `expect` entries that were
     decided. index: the row of the index page, once there is a report. waiting: stages still to be carried out, of a
-    result that is told while the work goes on. stages: seconds of each that was carried out, by name.
+    result that is told while the work goes on. seconds: elapsed; cpu: used by its process. stages: seconds of each that
+    was carried out, by name.
     """
 
     spec: str
@@ -77,6 +78,7 @@ class Result:
     expected: tuple[str, ...] = ()
     index: Any = None
     seconds: float = 0.0
+    cpu: float = 0.0
     waiting: tuple[str, ...] = ()
     stages: Mapping[str, float] = field(default_factory=dict)
 

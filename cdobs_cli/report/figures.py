@@ -244,12 +244,37 @@ def _draw_series(ax: Axes, series: Series, index: int, *, many: bool, panel: Pan
             ax.fill_between(x, y, y2, color=colour, alpha=0.18, linewidth=0, label=label)
             for end in (y, y2):
                 ax.plot(x, end, color=colour, linewidth=0.8)
+        case "cells":
+            _draw_cells(ax, x, y, _drawable(series.y2), label)
         case "limit":
             for value in y[:1][np.isfinite(y[:1])]:
                 ax.axhline(value, **line)
         case "mark":
             for value in x[:1][np.isfinite(x[:1])]:
                 ax.axvline(value, **(line | {"linewidth": 1.1}))
+
+
+def _draw_cells(ax: Axes, x: Any, y: Any, values: Any, label: str) -> None:
+    """A coloured cell for each point that has a value, halfway to its neighbours, and the scale of colours."""
+    columns, rows = np.unique(x[np.isfinite(x)]), np.unique(y[np.isfinite(y)])
+    shades = np.full((len(rows), len(columns)), np.nan)
+    for place, row, value in zip(x, y, values, strict=True):
+        if np.isfinite(place) and np.isfinite(row):
+            shades[np.searchsorted(rows, row), np.searchsorted(columns, place)] = value
+    ax.grid(visible=False)
+    if np.isfinite(shades).any():
+        mesh = ax.pcolormesh(_edges(columns), _edges(rows), np.ma.masked_invalid(shades), cmap="cividis", alpha=0.85)
+        ax.figure.colorbar(mesh, ax=ax, label=label)
+
+
+def _edges(centres: Any) -> Any:
+    """Halfway between neighbours; the outer cells are as wide as they are on their inner side."""
+    if len(centres) == 1:
+        half = 0.5 * abs(centres[0]) or 0.5
+        return np.array([centres[0] - half, centres[0] + half])
+    middle = (centres[1:] + centres[:-1]) / 2
+    return np.concatenate([[max(2 * centres[0] - middle[0], centres[0] / 2 if centres[0] > 0 else -np.inf)], middle,
+                           [2 * centres[-1] - middle[-1]]])  # fmt: skip
 
 
 def _drawable(values: Any, *, positive: bool = False) -> Any:

@@ -146,6 +146,16 @@ def load_document(document: Document, path: Path) -> Spec:
             raise loader.too_much(error) from None
 
 
+def with_plant(document: Document, path: Path) -> Document:
+    """The document with its plant's file in the place of that file's name. Raises: SpecError."""
+    loader = _Loader(document, path)
+    if isinstance(document.root, dict):
+        loader.include_plant_file(document.root)
+    if loader.failed:
+        raise loader.fail()
+    return document
+
+
 class _Loader:
     def __init__(self, document: Document, path: Path) -> None:
         self.document, self.path = document, path
