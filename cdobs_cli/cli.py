@@ -211,6 +211,32 @@ def sweep(
 
 
 @app.command()
+def compare(
+    paths: Annotated[list[Path], typer.Argument(metavar="PATH..", help="Specs of one plant, or directories of them.")],
+    out: Out = Path("results"),
+    effort: Effort = 1,
+    force: Force = False,
+    jobs: Annotated[int, typer.Option(min=1, max=256, metavar="N", help="Observers at a time.")] = 1,
+    time_limit: Annotated[
+        float | None, typer.Option(min=0, metavar="S", help="Seconds an observer; what is not finished is undecided.")
+    ] = None,
+    output: Output = Format.text,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    no_color: NoColor = False,
+) -> None:
+    """Compare observers of one plant: the specs, the families that take it, baselines. Table, CSV, page, figure.
+
+    Baselines (an extended Kalman filter, a copy of the model with a placed gain) are marked where nothing is proved.
+    """
+    from cdobs_cli.batch import Settings
+    from cdobs_cli.compare.run import carry_out
+
+    console = Console(output.value, quiet=quiet, no_color=no_color, verbose=verbose)
+    raise typer.Exit(carry_out(paths, Settings(out, effort, force, verbose, jobs, time_limit), console))
+
+
+@app.command()
 def explain(
     identifier: Annotated[
         str | None,

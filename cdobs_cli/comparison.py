@@ -40,7 +40,7 @@ _HALF = Exact(Fraction(1, 2))
 
 
 class NoFilterError(ValueError):
-    """Why there is no filter to compare with, in a sentence."""
+    """Why there is nothing to compare with, in a sentence."""
 
 
 def compared(run: Run, system: HybridSystem, plan: SimulationPlan, law: SamplingLaw) -> Run:
@@ -53,16 +53,38 @@ def compared(run: Run, system: HybridSystem, plan: SimulationPlan, law: Sampling
     except NoFilterError as error:
         alone = {name: Compared(value, None) for name, value in run.overall.rmse_after_transient.items()}
         return replace(run, comparison=Comparison(len(run.summaries), alone, str(error)))
-    own, theirs = (quadratic_means([_late_figures(plant, one, name) for one in runs]) for name in ("x_hat", "ekf"))
+    own, theirs = (
+        quadratic_means([_figures(plant, one, name, late=True) for one in runs]) for name in ("x_hat", "ekf")
+    )
     states = {name: Compared(own[name], theirs[name]) for name in own if name in theirs}
     filtered = Filtered(runs[0].t, _error(runs[0], "ekf").T)
     return replace(run, comparison=Comparison(len(runs), states), filtered=filtered)
 
 
-def _late_figures(plant: Plant, one: Trajectory, name: str) -> dict[str, float]:
-    """Root mean squares of the error of an estimate, by state, after the transient."""
+def errors_beside(
+    system: HybridSystem, other: Observer, plan: SimulationPlan, law: SamplingLaw, runs: int, *, late: bool
+) -> dict[str, float]:
+    """Root mean square errors of another observer on the measurements that the observer of the loop gets, by state,
+    over runs 0 to runs - 1; `late`: after the transient.
+
+    Raises: NoFilterError, where a run cannot be had or comes to no end.
+    """
+    joint, found = beside(system, other), []
+    for number in range(runs):
+        try:
+            one = simulate(joint, replace(plan, runs=1), law, first=number)
+        except SpecError as error:
+            raise NoFilterError(f"Run {number + 1} cannot be had: {error.problems[0].what}.") from error
+        if one.overall.stopped is not None:
+            raise NoFilterError(f"Run {number + 1} does not come to its end: {one.overall.stopped}.")
+        found.append(_figures(system.plant, one.trajectories[0], "ekf", late=late))
+    return quadratic_means(found)
+
+
+def _figures(plant: Plant, one: Trajectory, name: str, *, late: bool) -> dict[str, float]:
+    """Root mean squares of the error of an estimate, by state; `late`: after the transient."""
     error = _error(one, name)
-    return root_mean_squares(plant.states, Paths.one(one.t, error), error, late=True)[0]
+    return root_mean_squares(plant.states, Paths.one(one.t, error), error, late=late)[0]
 
 
 def _error(one: Trajectory, name: str) -> Array:

@@ -159,6 +159,11 @@ class Follow:
             self.show_ended()
         self._refresh()
 
+    def over(self, number: int) -> None:
+        """A spec has ended of which something is said later."""
+        self._running.pop(number, None)
+        self._refresh()
+
     def show_ended(self) -> None:
         """Show what is next in order."""
         while self._shown in self._ended:

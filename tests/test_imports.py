@@ -47,6 +47,7 @@ def contracts(folder: Path) -> subprocess.CompletedProcess[str]:
         ("exact/numbers.py", "import cdobs_cli.plant", "Imports run one way"),
         ("simulate/engine.py", "import cdobs_cli.report.text", "Imports run one way"),
         ("batch.py", "import cdobs_cli.sweep.run", "Imports run one way"),
+        ("sweep/points.py", "import cdobs_cli.compare.entries", "Imports run one way"),
         ("spec/replaced.py", "import cdobs_cli.sweep.grid", "Imports run one way"),
         ("sweep/charts.py", "import matplotlib", "Only report/figures.py draws"),
         ("pipeline.py", "import matplotlib", "Only report/figures.py draws"),

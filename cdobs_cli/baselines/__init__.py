@@ -1,1 +1,1 @@
-"""Observers to compare with: a constant gain at a constant period, and the continuous-discrete Kalman filter."""
+"""Observers to compare with: a constant gain, the continuous-discrete Kalman filter, an output predictor."""

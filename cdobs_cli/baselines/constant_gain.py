@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from cdobs_cli.arrays import Array
+from cdobs_cli.baselines.poles import placed
 from cdobs_cli.exact.expression import Variable
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.hybrid import Observer
@@ -19,16 +21,15 @@ def placed_gain(plant: Plant, period: float, radius: float) -> ExactMatrix:
     """
     from scipy.linalg import expm
 
-    n = plant.n
-    Phi = expm(np.array(plant.A.floats) * period)
-    C = np.array(plant.C.floats)
-    observability = np.vstack([C @ np.linalg.matrix_power(Phi, k) for k in range(n)])
-    if plant.p != 1 or np.linalg.cond(observability) > 1e14:
-        raise ValueError("poles are placed for one output that observes the linear part at this period")
-    wanted = np.linalg.matrix_power(Phi - radius * np.eye(n), n)
+    Phi: Array = np.array(expm(np.array(plant.A.floats) * period), dtype=np.float64)
     # (I - K C) Phi is similar to Phi (I - K C): an observer in filter form, its gain is Phi^-1 times the predictor's.
-    predictor = wanted @ np.linalg.solve(observability, np.eye(n)[:, [-1]])
-    return ExactMatrix.from_floats(np.linalg.solve(Phi, predictor), 12)
+    predictor = placed(Phi, np.array(plant.C.floats), radius)
+    return ExactMatrix.from_floats(_solved(Phi, predictor), 12)
+
+
+def _solved(M: Array, right: Array) -> Array:
+    found: Array = np.linalg.solve(M, right).astype(np.float64)
+    return found
 
 
 def constant_gain(plant: Plant, K: ExactMatrix) -> Observer:

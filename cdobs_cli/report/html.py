@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 
 from cdobs_cli.printable import printable
@@ -40,6 +40,12 @@ def html_page(report: Report, pictures: Mapping[str, bytes]) -> str:
         body += [_block(block, pictures) for block in section.blocks]
     body.append(glossary(report))
     return page(escape(report.title), "\n".join(body))
+
+
+def blocks_page(title: str, blocks: Sequence[Block], pictures: Mapping[str, bytes]) -> str:
+    """A page of blocks below a heading, for what is no report of one spec."""
+    body = [f"<h1>{escape(title)}</h1>", *(_block(block, pictures) for block in blocks)]
+    return page(escape(title), "\n".join(body), wide=True)
 
 
 def _headline(report: Report) -> str:

@@ -133,7 +133,7 @@ class Point:
         told = f"{row.headline or row.status} (stands)"
         return Result(
             spec, row.status, tuple(messages), store.read("design.json"), store.read("check.json"),
-            headline=told, summary=(told,),
+            store.read("simulation.json"), headline=told, summary=(told,),
         )  # fmt: skip
 
 

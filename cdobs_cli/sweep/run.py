@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
-from contextlib import closing
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
-from cdobs_cli.batch import Settings, run
+from cdobs_cli.batch import Settings
 from cdobs_cli.console import Console, say
-from cdobs_cli.errors import INTERRUPTED, ArtefactError, ExitCode, SpecError
+from cdobs_cli.errors import ArtefactError, ExitCode, SpecError
 from cdobs_cli.isolation import each_isolated
-from cdobs_cli.outcome import Message, Result, exit_code, failure
+from cdobs_cli.outcome import Message, Result, exit_code
 from cdobs_cli.printable import line
 from cdobs_cli.report.drawings import Drawings
 from cdobs_cli.spec.model import with_plant
 from cdobs_cli.spec.reader import Document, read
 from cdobs_cli.spec.replaced import checked
 from cdobs_cli.store import Store, sweep
+from cdobs_cli.sweep.carried import Engine, carried_out
 from cdobs_cli.sweep.charts import sweep_charts
 from cdobs_cli.sweep.grid import Axis, Shard, axes, points
 from cdobs_cli.sweep.points import Point, Row, shown_value, sweep_points
@@ -27,8 +26,6 @@ from cdobs_cli.sweep.table import table_csv, times_csv
 FOLDER, TABLE, TIMES = "sweep", "sweep.csv", "sweep_times.csv"
 STAGES = ("synthesize", "check")
 _LISTED = 5
-# (number, Result) of each job as it ends; told which begin and what they do.
-Engine = Callable[..., Generator[tuple[int, Result], None, None]]
 
 
 @dataclass(frozen=True)
@@ -105,7 +102,9 @@ def carry_out(
         for result in results:
             console.show(result, several=True)
     else:
-        results, is_whole = _done(asked, chosen, settings, console, engine)
+        names = [asked.name(point) for point in chosen]
+        sweep(asked.folder)
+        results, is_whole = carried_out(chosen, names, STAGES, replace(settings, out=asked.folder), console, engine)
     code = exit_code(results)
     rows = [row for row in asked.rows() if row is not None]
     if is_whole and part.count == 1 and len(rows) == len(asked.points):
@@ -126,46 +125,3 @@ def _must_all_stand(asked: Sweep) -> None:
         more = f", and {len(missing) - _LISTED} more" if len(missing) > _LISTED else ""
         some = ", ".join(missing[:_LISTED])
         raise ArtefactError(f"{len(missing)} of {len(asked.points)} points are not done yet: {some}{more}")
-
-
-def _done(
-    asked: Sweep, chosen: Sequence[Point], settings: Settings, console: Console, engine: Engine
-) -> tuple[list[Result], bool]:
-    """What became of the points, those that stand among them, and whether all were carried out.
-
-    A point that ended at a limit or by a crash does not stand: it is done again. After an interrupt the rest is told
-    as failed.
-    """
-    sweep(asked.folder)
-    results: dict[int, Result] = {}
-    with console.following([asked.name(point) for point in chosen]) as follow:
-        settings = replace(settings, followed=follow.live is not None, workers=1, out=asked.folder)
-        todo = []
-        for number, point in enumerate(chosen):
-            row = None if settings.force else point.row()
-            if row is None or row.passing:
-                todo.append(number)
-                point.prepare()
-                continue
-            results[number] = point.result(asked.name(point), row)
-            follow.started(number)
-            follow.ended(number, results[number])
-        try:
-            jobs = [chosen[number].job for number in todo]
-            call = partial(run, stages=STAGES, settings=settings)
-            with closing(
-                engine(
-                    jobs, call, workers=settings.jobs, time_limit=settings.time_limit,
-                    started=lambda at: follow.started(todo[at]), heard=lambda at, words: follow.heard(todo[at], words),
-                )
-            ) as ended:  # fmt: skip
-                for at, result in ended:
-                    number = todo[at]
-                    chosen[number].keep(result)
-                    results[number] = replace(result, spec=asked.name(chosen[number]))
-                    follow.ended(number, results[number])
-        except KeyboardInterrupt:
-            console.warn(INTERRUPTED)
-    is_whole = len(results) == len(chosen)
-    rest = (results.get(number) or failure(asked.name(point), INTERRUPTED) for number, point in enumerate(chosen))
-    return list(rest), is_whole
