@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from cdobs_cli.spec.model import Spec
 
 Tell = Callable[[Result | str], None]
+# (number, Result) of each job as it ends; told which begin and what they do.
+Engine = Callable[..., Generator[tuple[int, Result], None, None]]
 _FOR_SEARCHES = 0.75  # of a time limit: after it searches end with what they have, so that it can be proved and told
 SPEC_SUFFIXES = (".yaml", ".yml")
 PLANT_SUFFIXES = (".plant.yaml", ".plant.yml")
@@ -34,7 +36,8 @@ PLANT_SUFFIXES = (".plant.yaml", ".plant.yml")
 
 @dataclass(frozen=True)
 class Settings:
-    """The common options of the commands; followed: whether somebody watches; workers: within a spec."""
+    """The common options of the commands; followed: whether somebody watches; workers: within a spec; executor: a
+    cluster as it is typed, None for this machine."""
 
     out: Path = Path("results")
     effort: int = 1
@@ -47,6 +50,7 @@ class Settings:
     resume: bool = False
     workers: int = 1
     followed: bool = False
+    executor: str | None = None
 
 
 def jobs(paths: Iterable[Path], out: Path, *, writing: bool = True) -> list[Job]:
@@ -234,16 +238,25 @@ def _each(
         # What every worker needs is loaded once, before they part.
         for module in ("cdobs_cli.spec.model", *(("cdobs_cli.report.index",) if "report" in stages else ())):
             import_module(module)
-        from cdobs_cli.isolation import each_isolated
-
         call, limit = partial(run, stages=stages, settings=settings), settings.time_limit
-        yield from each_isolated(
+        yield from engine_of(settings)(
             todo, call, workers=settings.jobs, time_limit=limit, started=follow.started, heard=follow.heard
         )
         return
     for number, job in enumerate(todo):
         follow.started(number)
         yield number, run(job, stages, settings)
+
+
+def engine_of(settings: Settings) -> Engine:
+    """What carries jobs out: worker processes here, or a cluster. Raises: UsageError."""
+    if settings.executor is not None:
+        from cdobs_cli.remote import Cluster
+
+        return Cluster.of(settings.executor).each
+    from cdobs_cli.isolation import each_isolated
+
+    return each_isolated
 
 
 def _write_index(results: list[Result], out: Path) -> None:

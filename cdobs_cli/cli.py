@@ -42,6 +42,10 @@ Force = Annotated[bool, typer.Option("--force", help="Redo what is current.")]
 Output = Annotated[Format, typer.Option("--format", help="Format of stdout.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print findings only.")]
 Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say where an internal error happened.")]
+Executor = Annotated[
+    str | None,
+    typer.Option(metavar="dask=ADDRESS", help="Work on the cluster of this Dask scheduler (needs cdobs[dask])."),
+]
 NoColor = Annotated[bool, typer.Option("--no-color", help="Plain text (also with NO_COLOR).")]
 
 
@@ -163,6 +167,7 @@ def report() -> Stages:
 @_about_specs("run")
 def run_all(
     no_report: Annotated[bool, typer.Option("--no-report", help="Leave figures and pages out.")] = False,
+    executor: Executor = None,
 ) -> Stages:
     """Carry out all stages in order."""
     return tuple(stage for stage in STAGES if not (no_report and stage == "report"))
@@ -191,6 +196,7 @@ def sweep(
     time_limit: Annotated[
         float | None, typer.Option(min=0, metavar="S", help="Seconds a point; what is not finished is undecided.")
     ] = None,
+    executor: Executor = None,
     output: Output = Format.text,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -206,7 +212,7 @@ def sweep(
     if merge and shard is not None:
         raise UsageError("--merge puts all parts together; leave --shard away")
     console = Console(output.value, quiet=quiet, no_color=no_color, verbose=verbose)
-    settings = Settings(out, effort, force, verbose, jobs, time_limit)
+    settings = Settings(out, effort, force, verbose, jobs, time_limit, executor=executor)
     raise typer.Exit(carry_out(spec, sets, settings, console, shard=shard, merge=merge))
 
 

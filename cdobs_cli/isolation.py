@@ -166,7 +166,7 @@ def _work(pipe: Connection, call: Call, parent: int, inherited: Sequence[Connect
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
         raise KeyboardInterrupt  # unwinds, so that no temporary file stays behind
 
-    _end_with(parent)
+    end_with(parent)
     for end in inherited:
         end.close()
     # Ctrl-C reaches the whole group: the parent alone decides what it means.
@@ -181,7 +181,7 @@ def _work(pipe: Connection, call: Call, parent: int, inherited: Sequence[Connect
         os._exit(0)  # asked to end, or nobody is left to be told
 
 
-def _end_with(parent: int) -> None:
+def end_with(parent: int) -> None:
     """End this process when its parent ends, whatever it computes and however the parent was killed."""
     if sys.platform == "linux":
         import ctypes

@@ -48,6 +48,7 @@ def contracts(folder: Path) -> subprocess.CompletedProcess[str]:
         ("simulate/engine.py", "import cdobs_cli.report.text", "Imports run one way"),
         ("batch.py", "import cdobs_cli.sweep.run", "Imports run one way"),
         ("sweep/points.py", "import cdobs_cli.compare.entries", "Imports run one way"),
+        ("batch.py", "import distributed", "Only remote.py asks a cluster"),
         ("spec/replaced.py", "import cdobs_cli.sweep.grid", "Imports run one way"),
         ("sweep/charts.py", "import matplotlib", "Only report/figures.py draws"),
         ("pipeline.py", "import matplotlib", "Only report/figures.py draws"),

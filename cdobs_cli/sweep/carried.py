@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
 
-from cdobs_cli.batch import Settings, run
+from cdobs_cli.batch import Settings, engine_of, run
 from cdobs_cli.console import Console
 from cdobs_cli.errors import INTERRUPTED
-from cdobs_cli.isolation import each_isolated
 from cdobs_cli.outcome import Result, failure
 from cdobs_cli.sweep.points import Point
 
-# (number, Result) of each job as it ends; told which begin and what they do.
-Engine = Callable[..., Generator[tuple[int, Result], None, None]]
-
 
 def carried_out(
-    points: Sequence[Point], names: Sequence[str], stages: tuple[str, ...], settings: Settings, console: Console,
-    engine: Engine = each_isolated, *, shown: bool = True,
+    points: Sequence[Point], names: Sequence[str], stages: tuple[str, ...], settings: Settings, console: Console, *,
+    shown: bool = True,
 ) -> tuple[list[Result], bool]:  # fmt: skip
-    """What became of the points, by their names, and whether all were carried out; `shown`: each with a line.
+    """By the engine of the settings. Returns what became of the points, by their names, and whether all were carried
+    out; `shown`: each with a line.
 
     A point that ended at a limit or by a crash does not stand: it is done again. After an interrupt the rest is told
     as failed.
@@ -50,7 +47,7 @@ def carried_out(
                 ended(number, point.result(names[number], row))
         try:
             with closing(
-                engine(
+                engine_of(settings)(
                     [points[number].job for number in todo], partial(run, stages=stages, settings=settings),
                     workers=settings.jobs, time_limit=settings.time_limit,
                     started=lambda at: follow.started(todo[at]), heard=lambda at, words: follow.heard(todo[at], words),

@@ -9,7 +9,6 @@ from pathlib import Path
 from cdobs_cli.batch import Settings
 from cdobs_cli.console import Console, say
 from cdobs_cli.errors import ArtefactError, ExitCode, SpecError
-from cdobs_cli.isolation import each_isolated
 from cdobs_cli.outcome import Message, Result, exit_code
 from cdobs_cli.printable import line
 from cdobs_cli.report.drawings import Drawings
@@ -17,7 +16,7 @@ from cdobs_cli.spec.model import with_plant
 from cdobs_cli.spec.reader import Document, read
 from cdobs_cli.spec.replaced import checked
 from cdobs_cli.store import Store, sweep
-from cdobs_cli.sweep.carried import Engine, carried_out
+from cdobs_cli.sweep.carried import carried_out
 from cdobs_cli.sweep.charts import sweep_charts
 from cdobs_cli.sweep.grid import Axis, Shard, axes, points
 from cdobs_cli.sweep.points import Point, Row, shown_value, sweep_points
@@ -80,7 +79,7 @@ def _check(document: Document, found: Sequence[Axis], spec: Path) -> None:
 
 def carry_out(
     spec: Path, sets: Sequence[str], settings: Settings, console: Console, *, shard: str | None = None,
-    merge: bool = False, engine: Engine = each_isolated,
+    merge: bool = False,
 ) -> ExitCode:  # fmt: skip
     """Carry out a sweep, or a part of it, or put together what all parts left. The largest exit code wins.
 
@@ -104,7 +103,7 @@ def carry_out(
     else:
         names = [asked.name(point) for point in chosen]
         sweep(asked.folder)
-        results, is_whole = carried_out(chosen, names, STAGES, replace(settings, out=asked.folder), console, engine)
+        results, is_whole = carried_out(chosen, names, STAGES, replace(settings, out=asked.folder), console)
     code = exit_code(results)
     rows = [row for row in asked.rows() if row is not None]
     if is_whole and part.count == 1 and len(rows) == len(asked.points):
