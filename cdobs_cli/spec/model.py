@@ -29,7 +29,7 @@ from cdobs_cli.spec.boxes import MAX_STATES
 from cdobs_cli.spec.expect import Expectation, ExpectBlock, expect_problems, expectation
 from cdobs_cli.spec.limits import limit_problems
 from cdobs_cli.spec.measurement_block import MeasurementBlock, late, measurement_problems, sampling_law, together
-from cdobs_cli.spec.plant_block import MAX_PARAMETERS, LabelsBlock, PlantBlock, plant_problems, typed_plant
+from cdobs_cli.spec.plant_block import MAX_LABEL, MAX_PARAMETERS, LabelsBlock, PlantBlock, plant_problems, typed_plant
 from cdobs_cli.spec.plant_file import read_plant_file
 from cdobs_cli.spec.reader import MAX_PROBLEMS, Document, FieldPath, read, shown
 from cdobs_cli.spec.report_block import ReportBlock
@@ -306,7 +306,9 @@ class _Loader:
         """Names for every expression below, as far as they can be read. What is wrong among them is told where
         it stands, not again at each use: None lets any name pass."""
         if not isinstance(plant, dict):
-            return {"parameters": {}, "states": None, "inputs": None, "coordinates": None}
+            return {"parameters": {}, "states": None, "inputs": None, "coordinates": None, "time_unit": SECONDS}
+        typed_unit = plant.get("time_unit")
+        time_unit = typed_unit if isinstance(typed_unit, str) and len(typed_unit) <= MAX_LABEL else SECONDS
         listed = plant.get("states")
         states = _names(list(listed) if isinstance(listed, dict) else listed, list)
         inputs = _names(plant.get("inputs") or {}, dict)
@@ -314,20 +316,23 @@ class _Loader:
         typed = plant.get("parameters")
         for name, value in list(typed.items())[: MAX_PARAMETERS + 1] if isinstance(typed, dict) else []:
             try:
-                parameters[name] = read_exact(value, dict(parameters)).expression
+                parameters[name] = read_exact(value, dict(parameters), time_unit).expression
             except PydanticCustomError as error:
-                self.tell(("plant", "parameters", name), str(error), shown(value))
+                told = (error.context or {}).get("hint")
+                self.tell(("plant", "parameters", name), str(error), shown(value), hint=told)
                 parameters[name] = Number(1)
         coordinates = states
         if plant.get("coordinates") is not None and states is not None:
             coordinates = coordinate_names(len(states), frozenset([*states, *(inputs or ()), *parameters]))
-        return {"parameters": parameters, "states": states, "inputs": inputs, "coordinates": coordinates}
+        names = {"states": states, "inputs": inputs, "coordinates": coordinates}
+        return {"parameters": parameters, "time_unit": time_unit, **names}
 
     def family(self, value: Any, context: dict[str, Any]) -> Family | AutoBlock | None:
         if value is None:
             return AutoBlock()
         if not isinstance(value, dict):
-            self.tell(("observer",), "a mapping is expected", shown(value), "family, and what it takes")
+            hint = f"write observer: {{family: {value}}}" if value in (*FAMILIES, AUTO) else None
+            self.tell(("observer",), "a mapping is expected", shown(value), "family, and what it takes", hint)
             return None
         name = value.get("family")
         if name == AUTO:
