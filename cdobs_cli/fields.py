@@ -194,13 +194,15 @@ def rows_of(value: Any, info: ValidationInfo) -> Any:
     listed = value if isinstance(value, list) else [value]
     if any(isinstance(one, list | tuple | dict | Exact) for one in listed):
         return value
-    name, told = info.field_name or "", [str(one) if one is not None else "0" for one in listed]
-    written = f"write {name}: {_as_rows(name, told)}" if name and sum(map(len, told)) <= LONGEST_SHOWN else None
-    raise wrong("a matrix is expected: a list of rows, each a list", written)
+    name, told = info.field_name or "", as_rows(info.field_name or "", listed)
+    raise wrong("a matrix is expected: a list of rows, each a list", f"write {name}: {told}" if name and told else None)
 
 
-def _as_rows(name: str, entries: list[str]) -> str:
-    """A list as one row, or as the column or the diagonal that a matrix of this name is."""
+def as_rows(name: str, listed: list[Any]) -> str | None:
+    """Numbers as one row, or as the column or the diagonal that a matrix of this name is; None of many."""
+    entries = ["0" if one is None else str(one) for one in listed]
+    if sum(map(len, entries)) > LONGEST_SHOWN:
+        return None
     if name in ("covariance", "intensity"):
         rows = [["0"] * k + [one] + ["0"] * (len(entries) - k - 1) for k, one in enumerate(entries)]
     else:

@@ -115,6 +115,8 @@ def _closer(source: str) -> str | None:
         return f"a {few} is missing; in a list an expression that holds a comma stands in quotes"
     if re.search(r"\|[^|]+\|", source):
         return "an absolute value is written abs(x)"
+    if (called := re.search(rf"\b({'|'.join(TYPED_FUNCTIONS)})\s+[\w(]", source, re.ASCII)) is not None:
+        return f"a function is written {called.group(1)}(x)"
     if re.search(r"[<>=!]=?", source):
         return "the value alone is expected, without = and without comparisons"
     if re.search(r"\b(if|else|and|or|not|for|lambda|in|is)\b", source):
@@ -230,6 +232,8 @@ class _Reader:
     def unknown_function(self, shown: str, place: int) -> ExpressionError:
         """With what to write for it; `np.sin` is sin."""
         short = shown.rpartition(".")[2].lower()
+        if shown[0].isdigit():
+            return ExpressionError("a product is written with *", place, f"write {shown}*(..)")
         if short in SUBSTITUTES:
             return ExpressionError(f"unknown function {shown!r}: {SUBSTITUTES[short]}", place)
         if short in self.functions and short != shown:

@@ -13,9 +13,9 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Val
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.parser import CONSTANTS, TYPED_FUNCTIONS, nearest
-from cdobs_cli.fields import wrong
+from cdobs_cli.fields import as_rows, wrong
 from cdobs_cli.spec.elsewhere import SECONDS, Typed, as_block, word_for
-from cdobs_cli.spec.reader import DecimalText, Document, FieldPath, flow, shown
+from cdobs_cli.spec.reader import LONGEST_FLOW, DecimalText, Document, FieldPath, flow, shown
 
 Loc = tuple[str | int, ...]
 REQUIRED = "is required"
@@ -46,19 +46,20 @@ Text = Annotated[str, BeforeValidator(_text)]
 Name = Annotated[str, AfterValidator(_identifier)]
 
 
-def unknown_key(at: FieldPath, name: str, allowed: list[str]) -> Problem:
+def unknown_key(at: FieldPath, name: str, allowed: list[str], typed: Typed | None = None) -> Problem:
     """A key is quoted by its name; its value in what to write for it."""
-    return _unknown(at, name, allowed, Typed(None))[0]
+    return _unknown(at, name, allowed, typed or Typed(None))[0]
 
 
 def _unknown(at: FieldPath, name: str, allowed: list[str], typed: Typed) -> tuple[Problem, str]:
     """The problem, and the key of the block that is meant; empty where none is."""
     known = word_for(at, name, typed, allowed)
     meant, hint = known or ("", nearest(name, allowed)[2:] or None)
-    if known is None and hint is not None:
+    key, colon, value = name.partition(":")
+    if typed.value is None and colon and key.strip() in allowed:
+        meant, hint = key.strip(), f"write a space behind the colon: {key.strip()}: {value[:LONGEST_FLOW]}"
+    elif known is None and hint is not None:
         meant = hint.split("'")[1]
-    if hint is None and typed.value is None and (key := name.partition(":"))[1] and key[0].strip() in allowed:
-        meant, hint = key[0].strip(), f"write a space behind the colon: {key[0].strip()}: {key[2][:40]}"
     if hint is None and typed.value is None and name.isdigit():
         hint = "a decimal point is written '.'"
     return Problem((*at, name), "unknown key", None, ", ".join(allowed), hint), meant
@@ -122,7 +123,9 @@ def explain(
         else:
             problem = _problem(item, model, value, at, time_unit)
         problems.append(problem)
-    return [one for one in problems if one.what != REQUIRED or one.field not in meant], meant
+    # Another word may stand for another of its keys: max_interval where only a period was missed.
+    around = {path[:-1] for path in meant}
+    return [one for one in problems if one.what != REQUIRED or one.field[:-1] not in around], meant
 
 
 def _unknown_of(loc: Loc, model: type[BaseModel], value: Any, at: FieldPath, time_unit: str) -> tuple[Problem, str]:
@@ -160,13 +163,19 @@ def _problem(item: Any, model: type[BaseModel], value: Any, at: FieldPath, time_
         return replace(problem, hint=hint)
     if kind in _NO_LIST and field and isinstance(field[-1], str) and isinstance(inner, int | str):
         return replace(problem, hint=f"write {field[-1]}: [{shown(inner)}]")
+    if kind in _NO_LIST and field and isinstance(field[-1], str) and isinstance(inner, dict):
+        return replace(problem, hint=f"write {field[-1]}: [..], the entries in their order, without names")
     return problem
 
 
 def _only_key(model: type[BaseModel], loc: Loc, field: FieldPath, inner: Any) -> str | None:
     """What to write for the value of a block's first required key that stands in the block's place."""
-    required, text = _required(model, loc), flow(inner)
-    if not required or text is None or not field:
+    required = _required(model, loc)
+    if not required or not field:
+        return None
+    flat = isinstance(inner, list) and inner and not any(isinstance(one, list | dict) for one in inner)
+    text = as_rows(required[0], inner) if flat else flow(inner)
+    if text is None:
         return None
     written = ", ".join([f"{required[0]}: {text}", *(f"{name}: .." for name in required[1:])])
     return f"write {field[-1]}: {{{written}}}"

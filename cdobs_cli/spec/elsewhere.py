@@ -160,6 +160,7 @@ _INSIDE_PLANT = _words(
     (f"{_START}", "", "write simulation.initial_state: $v"),
     ("d g feedthrough", "", "write dynamics and output, with the input in them"),
 )  # fmt: skip
+_INSIDE_INPUT = _words((f"min max lower upper low high {_BOUND} interval", "range", "write {range: [lo, hi]}"))
 _INSIDE_SIMULATION = _words(
     ("t tf t_f t_end tend t_final tfinal duration stop_time final_time end time tspan length stop", "horizon",
      "write horizon: $n"),
@@ -197,7 +198,7 @@ _INSIDE_SPEC = _words(
 _BY_PLACE: Mapping[str, Mapping[str, Word]] = {
     "sampling": _INSIDE_SAMPLING, "measurement": _INSIDE_MEASUREMENT, "sensor": _INSIDE_SENSOR, "lost": _INSIDE_LOST,
     "noise": _INSIDE_NOISE, "disturbance": _INSIDE_DISTURBANCE, "plant": _INSIDE_PLANT,
-    "simulation": _INSIDE_SIMULATION, "observer": _INSIDE_OBSERVER, "": _INSIDE_SPEC,
+    "input": _INSIDE_INPUT, "simulation": _INSIDE_SIMULATION, "observer": _INSIDE_OBSERVER, "": _INSIDE_SPEC,
 }  # fmt: skip
 
 # Blocks that were typed as a number, a word or a list.
@@ -246,6 +247,8 @@ def as_block(at: FieldPath, typed: Typed) -> str | None:
 def _place(at: FieldPath) -> str:
     if at[:2] == ("measurement", "sensors") and len(at) == 3:
         return "sensor"
+    if at[:2] == ("plant", "inputs") and len(at) == 3:
+        return "input"
     return str(at[-1]) if at else ""
 
 

@@ -24,11 +24,19 @@ from cdobs_cli.labels import SECONDS, Labels
 from cdobs_cli.plant import Plant, TypedDynamics, coordinate_names
 from cdobs_cli.run import SimulationPlan
 from cdobs_cli.spec.auto_block import AUTO, AutoBlock, Choice
-from cdobs_cli.spec.block import Block, Text, is_identifier, placed, read_block
+from cdobs_cli.spec.block import Block, Text, is_identifier, placed, read_block, unknown_key
 from cdobs_cli.spec.boxes import MAX_STATES
+from cdobs_cli.spec.elsewhere import Typed, word_for
 from cdobs_cli.spec.expect import Expectation, ExpectBlock, expect_problems, expectation
 from cdobs_cli.spec.limits import limit_problems
-from cdobs_cli.spec.measurement_block import MeasurementBlock, late, measurement_problems, sampling_law, together
+from cdobs_cli.spec.measurement_block import (
+    MeasurementBlock,
+    late,
+    measurement_problems,
+    sampling_law,
+    together,
+    without_misshapen,
+)
 from cdobs_cli.spec.plant_block import MAX_LABEL, MAX_PARAMETERS, LabelsBlock, PlantBlock, plant_problems, typed_plant
 from cdobs_cli.spec.plant_file import read_plant_file
 from cdobs_cli.spec.reader import MAX_PROBLEMS, Document, FieldPath, read, shown
@@ -203,6 +211,7 @@ class _Loader:
         labels = self.labels(root.get("plant"), plant)
         if measurement is not None:
             self.problems += measurement_problems(measurement, measurement_wrong, plant, context["states"])
+            measurement = without_misshapen(measurement, context["states"])
         if sensed:  # of sensors with a mistake nothing more is known
             right = plant is not None and not self.failed
             plant, measurement = together(plant, measurement) if right else (plant, None)
@@ -335,6 +344,9 @@ class _Loader:
             self.tell(("observer",), "a mapping is expected", shown(value), "family, and what it takes", hint)
             return None
         name = value.get("family")
+        if name is None and (other := self.family_word(value)) is not None:
+            self.problems.append(other)
+            return None
         if name == AUTO:
             block: AutoBlock | None = self.block(AutoBlock, value, ("observer",), context)[0]
             return block
@@ -346,6 +358,13 @@ class _Loader:
             return None
         family: Family | None = self.block(FAMILIES[name], value, ("observer",), context)[0]
         return family
+
+    def family_word(self, value: dict[str, Any]) -> Problem | None:
+        """Another word for `family`, told in its place."""
+        for key, typed in value.items():
+            if (word_for(("observer",), key, Typed(typed), ["family"]) or ("",))[0] == "family":
+                return unknown_key(("observer",), key, ["family"], Typed(typed))
+        return None
 
     def signalled(self, inputs: tuple[str, ...] | None, family: Family | AutoBlock | None) -> tuple[str, ...] | None:
         """The inputs that need a signal: all but those that the observer itself sets; None: not known."""

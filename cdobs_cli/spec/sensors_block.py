@@ -21,7 +21,7 @@ from cdobs_cli.spec.block import Block, Name
 from cdobs_cli.spec.boxes import MAX_STATES, ordered, shape_problem
 from cdobs_cli.spec.delay_field import DELAY_WORDS, DelayField
 from cdobs_cli.spec.noise_block import NoiseBlock, noise_problems
-from cdobs_cli.spec.reader import FieldPath
+from cdobs_cli.spec.reader import DecimalText, FieldPath, flow
 
 AT: FieldPath = ("measurement", "sensors")
 _Outputs = Annotated[tuple[Annotated[Expression, formula("states", "inputs")], ...], sized(1, MAX_STATES)]
@@ -115,9 +115,7 @@ def _rewritten(k: int, entry: Any) -> str:
 
 
 def _text(value: Any) -> str:
-    if isinstance(value, list):
-        return f"[{', '.join(map(_text, value))}]"
-    return ".." if value is None or isinstance(value, dict) else str(value)[:40]
+    return ".." if value is None or isinstance(value, dict) else flow(value) or ".."
 
 
 SensorsField = Annotated[dict[Name, SensorBlock], BeforeValidator(_named)]
@@ -135,8 +133,9 @@ def one_law(value: Any, info: ValidationInfo) -> Any:
     if value and not any(isinstance(one, dict | list) for one in value):
         raise _ends_of(value) if len(value) == 2 else _listed(value)
     C = info.data.get("C")
-    rows = C.texts() if C is not None and C.shape[0] == len(value) else [[".."]] * len(value)
-    sensors = [_rewritten(k, {"C": [rows[k]], "sampling": law}) for k, law in enumerate(value)]
+    rows = C.texts() if C is not None and C.shape[0] == len(value) else None
+    listed = [None if rows is None else [[DecimalText(one) for one in row]] for row in rows or value]
+    sensors = [_rewritten(k, {"C": listed[k], "sampling": law}) for k, law in enumerate(value)]
     what = "one law for all outputs is expected; outputs with periods of their own are sensors"
     raise wrong(what, f"write, for C and sampling, sensors: {{{', '.join(sensors)}}}")
 
