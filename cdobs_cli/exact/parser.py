@@ -27,6 +27,7 @@ from cdobs_cli.exact.expression import (
 )
 from cdobs_cli.exact.language import CHOICE, SUBSTITUTES, applied
 from cdobs_cli.exact.language import TYPED_FUNCTIONS as TYPED_FUNCTIONS
+from cdobs_cli.exact.table import MAX_POINTS, USAGE, table
 
 MAX_LENGTH = 2000
 MAX_DEPTH = 100
@@ -218,6 +219,8 @@ class _Reader:
 
     def call(self, node: ast.Call, depth: int) -> Expression:
         name = node.func.id if isinstance(node.func, ast.Name) else None
+        if name == "table" and "max" in self.functions:
+            return self.table(node, depth)
         if name is None or name not in self.functions:
             shown = name or ast.get_source_segment(self.source, node.func) or "?"
             raise self.unknown_function(shown, node.col_offset)
@@ -228,6 +231,22 @@ class _Reader:
             raise ExpressionError(f"{name} takes {counts} argument(s), got {len(node.args)}", node.col_offset)
         arguments = [self.read(argument, depth + 1) for argument in node.args]
         return applied(name, arguments)
+
+    def table(self, node: ast.Call, depth: int) -> Expression:
+        """`table(x, [[x0, y0], [x1, y1], ..])`, points of rational numbers."""
+        pairs = node.args[1].elts if len(node.args) == 2 and isinstance(node.args[1], ast.List) else None
+        if pairs is None or node.keywords or not all(isinstance(one, ast.List) and len(one.elts) == 2 for one in pairs):
+            raise ExpressionError("a table is read at x between points", node.col_offset, USAGE)
+        if len(pairs) > MAX_POINTS:
+            raise ExpressionError(f"a table has at most {MAX_POINTS} points", node.col_offset)
+        points = [[self.read(end, depth + 1) for end in one.elts] for one in pairs if isinstance(one, ast.List)]
+        numbers = [(x.value, y.value) for x, y in points if isinstance(x, Number) and isinstance(y, Number)]
+        if len(numbers) < len(points):
+            raise ExpressionError("the points of a table are rational numbers", node.col_offset, USAGE)
+        try:
+            return table(self.read(node.args[0], depth + 1), numbers)
+        except ExpressionError as error:
+            raise ExpressionError(str(error), error.offset or node.col_offset, error.hint) from None
 
     def unknown_function(self, shown: str, place: int) -> ExpressionError:
         """With what to write for it; `np.sin` is sin."""
