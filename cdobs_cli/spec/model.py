@@ -204,6 +204,8 @@ class _Loader:
 
         plant, plant_wrong = self.section(PlantBlock, root.get("plant"), "plant", context)
         measurement, measurement_wrong = self.section(MeasurementBlock, root.get("measurement"), "measurement", context)
+        plant_wrong |= _told_there(root, "plant")
+        measurement_wrong |= _told_there(root, "measurement")
         sensed = measurement is not None and (measurement.sensors is not None or "sensors" in measurement_wrong)
         if plant is not None:
             known = context["states"], context["inputs"]
@@ -219,6 +221,7 @@ class _Loader:
         family = self.family(root.get("observer"), {**context, "states": context["coordinates"]})
         seen = {**context, "outputs": _outputs(plant, measurement)}
         simulation, simulation_wrong = self.section(SimulationBlock, root.get("simulation"), "simulation", seen)
+        simulation_wrong |= _told_there(root, "simulation")
         if simulation is not None:
             law = (
                 None
@@ -401,6 +404,19 @@ class _Loader:
         except SpecError as error:
             self.problems += error.problems
             raise self.fail() from None
+
+
+# Keys in another block than theirs, where they are told: (block, key, block it belongs to).
+_MISPLACED = (
+    ("plant", "C", "measurement"), ("measurement", "output", "plant"), ("plant", "initial_state", "simulation"),
+    ("", "sampling", "measurement"),
+)  # fmt: skip
+
+
+def _told_there(root: dict[str, Any], block: str) -> set[str]:
+    """Keys of a block that were typed in another: they are not missing."""
+    holders = {"": root} | {name: one for name, one in root.items() if isinstance(one, dict)}
+    return {key for holder, key, home in _MISPLACED if home == block and key in holders.get(holder, {})}
 
 
 def _names(typed: Any, kind: type[list[Any]] | type[dict[str, Any]]) -> tuple[str, ...] | None:

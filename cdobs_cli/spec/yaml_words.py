@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 
+_LONGEST_LINE = 1000  # characters of a line that is looked at
 _LONGEST = 60  # characters of a line that is shown as it is to be
 _KEY_AND_COLON = re.compile(r"\s*(?:- )?([A-Za-z_]\w*):\s+([^\"'\[{&*!|>#].*:(?:\s.*|))\Z")
 _KINDS = (
@@ -40,7 +41,7 @@ def plain_words(problem: str, line: str) -> tuple[str, str | None]:
 
 
 def _colon(line: str) -> tuple[str, str]:
-    typed = _KEY_AND_COLON.match(line.rstrip())
+    typed = _KEY_AND_COLON.match(line.rstrip()) if len(line) <= _LONGEST_LINE else None
     if typed is None:
         what = "not YAML: a key and its colon where none can stand"
         return what, "put a value that holds a colon in quotes, and indent the keys of one block alike"

@@ -124,6 +124,19 @@ def test_a_habit_is_told_once_and_what_is_shown_is_accepted(write, old, typed, p
 
 
 @pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ([("  B: [[0]", "  C: [[1, 0]]\n  B: [[0]"), ("  C: [[1, 0]]\n  sampling", "  sampling")], "9:3: plant.C: unknown key"),
+        ([("title: Pendulum", f"title: Pendulum\n{LAW}"), (f"  {LAW}\n", "")], "3:1: sampling: unknown key"),
+        ([("  B: [[0]", "  initial_state: [1, 0]\n  B: [[0]"), ("  initial_state: [1, 0]\n  initial_estimate", "  initial_estimate")], "9:3: plant.initial_state: unknown key"),
+    ],
+)  # fmt: skip
+def test_a_key_in_another_block_is_told_there_alone(write, changes, told):
+    (problem,) = problems(write(changed(*changes)))
+    assert problem.startswith(told)
+
+
+@pytest.mark.parametrize(
     "law", ["sampling: {period: 0.5 h}", "sampling: {rate: 2}\n  lost: 2", "sampling: {Ts: 0.5, h: 1}"]
 )
 def test_each_of_several_mistakes_is_told_once(write, law):
