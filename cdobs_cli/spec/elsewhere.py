@@ -15,7 +15,7 @@ from typing import Any
 from cdobs_cli.exact.numbers import decimal_text
 from cdobs_cli.exact.parser import read_decimal
 from cdobs_cli.exact.units import DIGITS, period_of
-from cdobs_cli.spec.reader import FieldPath, flow
+from cdobs_cli.spec.reader import LONGEST_FLOW, FieldPath, flow
 
 UNTYPED = ".."
 SECONDS = "s"
@@ -283,12 +283,15 @@ def _number(value: Any, time_unit: str) -> Fraction | None:
         return None
     try:
         return read_decimal(str(value).strip())
+    except ZeroDivisionError:
+        return None
     except ValueError:
         return period_of(str(value), time_unit)
 
 
 def _decimal(value: Fraction | None) -> str:
-    return UNTYPED if value is None else decimal_text(value, DIGITS)
+    text = UNTYPED if value is None else decimal_text(value, DIGITS)
+    return text if len(text) <= LONGEST_FLOW else UNTYPED
 
 
 def _entries(typed: Typed, sign: int) -> str:

@@ -256,3 +256,12 @@ measurement: {{sampling: {{period: 0.1}}}}
 observer: {{family: reachability}}
 """
     assert load(write(text)).plant.n == 2
+
+
+@pytest.mark.parametrize(
+    "value", ["1/0", "0 Hz", "0", "-1", "1e300", "null", "[]", "{}", "[[]]", "true", '""', "x", "[1, [2]]"]
+)
+@pytest.mark.parametrize("key", ["rate", "Ts", "jitter", "dropouts", "latency", "times"])
+def test_whatever_a_foreign_key_holds_is_refused_in_short(write, key, value):
+    told = problems(write(changed((LAW, f"sampling: {{period: 0.5, {key}: {value}}}"))))
+    assert 1 <= len(told) <= 2 and all(len(one) < 500 for one in told)
