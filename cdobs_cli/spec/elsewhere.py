@@ -15,6 +15,7 @@ from typing import Any
 from cdobs_cli.exact.numbers import decimal_text
 from cdobs_cli.exact.parser import read_decimal
 from cdobs_cli.exact.units import DIGITS, period_of
+from cdobs_cli.fields import as_rows
 from cdobs_cli.spec.reader import LONGEST_FLOW, FieldPath, flow
 
 UNTYPED = ".."
@@ -97,10 +98,10 @@ _INSIDE_MEASUREMENT = _words(
     (_LOSSES, "lost", "write lost: $lost"),
     (_CHANCE, "lost", "write lost: {probability: $v}"),
     (_LATE, "delay", "write delay: $n"),
-    ("h output_matrix cd observation", "C", "write C: $v"),
+    ("h output_matrix cd observation", "C", "write C: $rows"),
     ("output outputs y", "C", "write plant.output: $v, beside plant.dynamics; linear outputs are C: [[..]]"),
     ("d feedthrough", "", "write plant.dynamics and plant.output, with the known input in it: it is subtracted"),
-    (_COVARIANCE, "noise", "write noise: {covariance: $v}"),
+    (_COVARIANCE, "noise", "write noise: {covariance: $diagonal}"),
     (_DEVIATION, "noise", "write noise: {std: [$l]}"),
     ("v noise_bound measurement_noise noises", "noise", "write noise: {lower: [..], upper: [..]} or {std: [..]}"),
     ("quantization quantisation quantizer resolution lsb", "noise",
@@ -114,10 +115,10 @@ _INSIDE_SENSOR = _words(
     ("phase shift start", "offset", "write offset: $n"),
     (_LOSSES, "lost", "write lost: $lost"),
     (_LATE, "delay", "write delay: $n"),
-    ("h output_matrix", "C", "write C: $v"),
+    ("h output_matrix", "C", "write C: $rows"),
     ("outputs y", "output", "write output: $v"),
     ("jitter", "", "write {min_period: .., max_period: ..}, the least and the largest gap"),
-    (_COVARIANCE, "noise", "write noise: {covariance: $v}"),
+    (_COVARIANCE, "noise", "write noise: {covariance: $diagonal}"),
     (_DEVIATION, "noise", "write noise: {std: [$l]}"),
 )
 _INSIDE_LOST = _words(
@@ -131,14 +132,18 @@ _ENDS = (
     (_BOUND, "lower", "write {lower: [$m], upper: [$l]}"),
 )
 _INSIDE_NOISE = _words(
-    (_COVARIANCE, "covariance", "write {covariance: $v}"),
+    (_COVARIANCE, "covariance", "write {covariance: $diagonal}"),
     (_DEVIATION, "std", "write {std: [$l]}"),
     *_ENDS,
     ("mean bias", "", "noise has the mean 0: a known offset is taken from the measurement, an unknown one is a state"),
     ("type kind distribution", "", "write {lower: [..], upper: [..]}, {covariance: [[..]]} or {std: [..]}"),
 )
 _INSIDE_DISTURBANCE = _words(
-    (f"{_COVARIANCE} psd spectral_density", "intensity", "of a white one, per unit of time: write {intensity: $v}"),
+    (
+        f"{_COVARIANCE} psd spectral_density",
+        "intensity",
+        "of a white one, per unit of time: write {intensity: $diagonal}",
+    ),
     (_DEVIATION, "intensity", "of a white one, per unit of time: write {intensity: [[..]]}, the squares"),
     *_ENDS,
 )
@@ -146,7 +151,7 @@ _INSIDE_PLANT = _words(
     ("process_noise w q disturbances process_covariance noise white_noise", "disturbance", "write disturbance: $white"),
     ("f xdot x_dot ode odes rhs equations model derivatives dxdt vector_field", "dynamics", "write dynamics: $v"),
     ("h y outputs measured measurements", "output", "write output: $v, beside dynamics"),
-    ("c", "", "write measurement.C: $v"),
+    ("c", "", "write measurement.C: $rows"),
     ("sampling noise_v", "", "it stands under measurement"),
     ("params param parameter constants consts const", "parameters", "write parameters: {name: number}"),
     ("x state state_names variables vars", "states", "write states: $v"),
@@ -176,8 +181,8 @@ _INSIDE_SIMULATION = _words(
 )  # fmt: skip
 _INSIDE_OBSERVER = _words(
     ("type kind name observer", "family", "write family: $v"),
-    ("k", "gain", "write gain: {K: $v}"),
-    ("l", "gain", "write gain: {L: $v}"),
+    ("k", "gain", "write gain: {K: $columns}"),
+    ("l", "gain", "write gain: {L: $columns}"),
     ("gains", "gain", "write gain: {K: [[..]]}; of sensors measurement.gains says which there are"),
     ("goal criterion", "objective", "write objective: $v"),
     ("rate min_rate decay_rate", "rate_at_least", "write rate_at_least: $v"),
@@ -206,9 +211,9 @@ _BY_PLACE: Mapping[str, Mapping[str, Word]] = {
 _AS_BLOCK: Mapping[str, tuple[str, str]] = {
     "noise": (
         "noise: {lower: [$m], upper: [$l]}, bounds, or noise: {std: [$l]}, deviations",
-        "noise: {covariance: $v}",
+        "noise: {covariance: $diagonal}",
     ),
-    "disturbance": ("disturbance: {lower: [$m], upper: [$l]}", "disturbance: {intensity: $v}"),
+    "disturbance": ("disturbance: {lower: [$m], upper: [$l]}", "disturbance: {intensity: $diagonal}"),
     "lost": ("lost: $lost", "lost: {at_most: 3}"),
     "domain": ("domain: {state: [lo, hi]}", "domain: {state: [lo, hi]}"),
     "inputs": ("inputs: {$named}", "inputs: {name: {range: [lo, hi]}}"),
@@ -318,6 +323,14 @@ def _white(typed: Typed) -> str:
     return "{lower: [..], upper: [..]}, or {intensity: [[..]]} of a white one"
 
 
+def _matrix(typed: Typed, name: str) -> str:
+    """A matrix as typed; numbers in the shape that a matrix of this name has."""
+    listed = typed.value if isinstance(typed.value, list) else [typed.value]
+    if typed.value is None or any(isinstance(one, list | dict) for one in listed):
+        return _value(typed)
+    return as_rows(name, listed) or UNTYPED
+
+
 def _named(typed: Typed) -> str:
     """A list of names as keys."""
     listed = typed.value if isinstance(typed.value, list) else [typed.value]
@@ -334,5 +347,7 @@ def _gap(typed: Typed, sign: int) -> str:
 _PARTS: Mapping[str, Callable[[Typed], str]] = {
     "$v": _value, "$n": _plain, "$r": _inverse, "$lost": _losses, "$white": _white, "$named": _named,
     "$l": lambda typed: _entries(typed, 1), "$m": lambda typed: _entries(typed, -1),
+    "$rows": lambda typed: _matrix(typed, "C"), "$columns": lambda typed: _matrix(typed, "K"),
+    "$diagonal": lambda typed: _matrix(typed, "covariance"),
     "$low": lambda typed: _gap(typed, -1), "$high": lambda typed: _gap(typed, 1),
 }  # fmt: skip

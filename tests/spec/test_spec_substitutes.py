@@ -59,6 +59,10 @@ MISTAKES = [
     (NOISE, "noise: {covariance: 0.02}", "16:23: measurement.noise.covariance: a matrix is expected", "write covariance: [[0.02]]", "noise: {covariance: [[0.02]]}"),
     (NOISE, "noise: {sigma: 0.02}", "16:11: measurement.noise.sigma: unknown key", "write {std: [0.02]}", "noise: {std: [0.02]}"),
     (NOISE, "noise: {bound: 0.02}", "16:11: measurement.noise.bound: unknown key", "write {lower: [-0.02], upper: [0.02]}", "noise: {lower: [-0.02], upper: [0.02]}"),
+    (NOISE, "R: 0.02", "16:3: measurement.R: unknown key", "write noise: {covariance: [[0.02]]}", "noise: {covariance: [[0.02]]}"),
+    ('phi: ["0", "sin(theta)/g"]\n  B: [[0], ["1/8"]]\n  lipschitz: [[0, 0], [1, 0]]', 'B: [[0], ["1/8"]]', "4:3: plant.phi: phi and lipschitz are required", 'write phi: ["0", "0"] and lipschitz: [[0, 0], [0, 0]]', 'phi: ["0", "0"]\n  lipschitz: [[0, 0], [0, 0]]'),
+    ("C: [[1, 0]]", "H: [0, 1]", "14:3: measurement.H: unknown key", "write C: [[0, 1]]", "C: [[0, 1]]"),
+    (GAIN, "K: [1, 2]", "19:3: observer.K: unknown key", "write gain: {K: [[1], [2]]}", "gain: {K: [[1], [2]]}"),
     (NOISE, "R: [[0.02]]", "16:3: measurement.R: unknown key", "write noise: {covariance: [[0.02]]}", "noise: {covariance: [[0.02]]}"),
     # The plant.
     ("disturbance: {lower: [0, -1e-3], upper: [0, .5]}", "Q: [[0, 0], [0, 2]]", "12:3: plant.Q: unknown key", "write disturbance: {intensity: [[0, 0], [0, 2]]}", "disturbance: {intensity: [[0, 0], [0, 2]]}"),
