@@ -14,7 +14,8 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Val
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.parser import CONSTANTS, TYPED_FUNCTIONS, nearest
 from cdobs_cli.fields import as_rows, wrong
-from cdobs_cli.spec.elsewhere import SECONDS, Typed, as_block, word_for
+from cdobs_cli.labels import SECONDS
+from cdobs_cli.spec.elsewhere import Typed, as_block, word_for
 from cdobs_cli.spec.reader import LONGEST_FLOW, DecimalText, Document, FieldPath, flow, shown
 
 Loc = tuple[str | int, ...]

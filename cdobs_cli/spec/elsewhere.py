@@ -16,10 +16,10 @@ from cdobs_cli.exact.numbers import decimal_text
 from cdobs_cli.exact.parser import read_decimal
 from cdobs_cli.exact.units import DIGITS, period_of
 from cdobs_cli.fields import as_rows
+from cdobs_cli.labels import SECONDS
 from cdobs_cli.spec.reader import LONGEST_FLOW, FieldPath, flow
 
 UNTYPED = ".."
-SECONDS = "s"
 MAX_SHOWN = 8  # entries of a list in what is to be written
 _SAMPLING = "write sampling: {period: ..}, {min_period: .., max_period: ..} or {updated: true}"
 
@@ -57,7 +57,7 @@ def _words(*groups: tuple[str, str, str]) -> dict[str, Word]:
 _RATE = "rate frequency freq fs hz f_s sample_rate sampling_rate sampling_frequency"
 _TIME = (
     "ts dt t h t_s step sample_time sampling_time sampling_period sample_period time_step timestep interval "
-    "sampling_interval delta period_s tau"
+    "sampling_interval delta tau"
 )
 _SHORTEST = "min minimum t_min tmin min_interval min_time shortest lower"
 _LONGEST = "max maximum t_max tmax max_interval max_time longest upper masp mati"
