@@ -10,6 +10,7 @@ from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.fields import ExactNumber, Through, Vector, wrong
 from cdobs_cli.plant import Box, Interval
 from cdobs_cli.spec.block import Block
+from cdobs_cli.spec.reader import flow
 
 MAX_STATES = 32
 
@@ -19,8 +20,13 @@ def ordered(lower: Exact, upper: Exact) -> bool:
     return (upper - lower).sign() in (0, 1)
 
 
+_ENDS = {frozenset(ends): ends for ends in (("lower", "upper"), ("min", "max"), ("low", "high"), ("lo", "hi"))}
+
+
 def _two(value: Any) -> Any:
-    if isinstance(value, list | tuple) and len(value) != 2:
+    if isinstance(value, dict) and len(value) == 2 and (ends := _ENDS.get(frozenset(map(str, value)))) is not None:
+        raise wrong("two ends are expected: [lower, upper]", f"write {flow([value[end] for end in ends])}")
+    if isinstance(value, int | str | dict) or (isinstance(value, list | tuple) and len(value) != 2):
         raise wrong("two ends are expected: [lower, upper]")
     return [value.lower, value.upper] if isinstance(value, Interval) else value
 

@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag
 
 from cdobs_cli.delays import Delay
 from cdobs_cli.errors import Problem
-from cdobs_cli.exact.numbers import EXACT_ZERO, Exact
+from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
 from cdobs_cli.fields import NonNegativeNumber, PositiveNumber, Rows
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.sensors import Gains, Sensor
@@ -19,6 +19,7 @@ from cdobs_cli.spec.boxes import MAX_STATES, ordered, shape_problem
 from cdobs_cli.spec.delay_field import DELAY_WORDS, DelayField, Use, delays_problems, listed, overtaking_problem
 from cdobs_cli.spec.noise_block import NoiseBlock, noise_problems
 from cdobs_cli.spec.plant_block import PlantBlock
+from cdobs_cli.spec.reader import DecimalText, flow
 from cdobs_cli.spec.sensors_block import (
     LostBlock,
     SensorsField,
@@ -129,12 +130,9 @@ def measurement_problems(
     if measurement.sampling is None and "sampling" not in wrong_fields:
         yield Problem(("measurement", "sampling"), "is required")
     if states is not None and measurement.C is not None:
-        p, width = measurement.C.shape
-        if width != len(states):
-            yield from shape_problem(("measurement", "C"), (p, width), (p, len(states)), "a column for each state")
-        if p > MAX_STATES:
-            yield Problem(("measurement", "C"), f"at most {MAX_STATES} rows are taken", str(p))
-    outputs = None if measurement.C is None else measurement.C.shape[0]
+        yield from _shape_of_rows(measurement.C, len(states))
+    C = without_misshapen(measurement, states).C
+    outputs = None if C is None else C.shape[0]
     if plant is not None and plant.output is not None:
         if outputs is not None and outputs != len(plant.output):
             what = "one row for each entry of plant.output is expected"
@@ -158,6 +156,26 @@ def measurement_problems(
             "else let max_period be the longest gap",
         )
         yield Problem(("measurement", "lost"), what, None, "with sampling: {period: ..}", hint)
+
+
+def _shape_of_rows(C: ExactMatrix, n: int) -> Iterator[Problem]:
+    p, width = C.shape
+    at = ("measurement", "C")
+    if p == n != width:
+        shown = flow([[DecimalText(one) for one in row] for row in zip(*C.texts(), strict=True)])
+        hint = "a row for each output, a column for each state" + (f": write C: {shown}" if shown else "")
+        what = "a matrix of another shape is expected"
+        yield Problem(at, what, f"{p} x {width}", f"{width} x {n}", hint)
+    elif width != n:
+        yield from shape_problem(at, (p, width), (p, n), "a column for each state")
+    if p > MAX_STATES:
+        yield Problem(at, f"at most {MAX_STATES} rows are taken", str(p))
+
+
+def without_misshapen(measurement: MeasurementBlock, states: tuple[str, ...] | None) -> MeasurementBlock:
+    """The block without a C that does not fit the states: how many outputs there are is then not known."""
+    misshapen = states is not None and measurement.C is not None and measurement.C.shape[1] != len(states)
+    return measurement.model_copy(update={"C": None}) if misshapen else measurement
 
 
 def _beside_sensors(measurement: MeasurementBlock, plant: PlantBlock | None) -> Iterator[Problem]:

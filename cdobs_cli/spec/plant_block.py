@@ -23,6 +23,7 @@ from cdobs_cli.spec.slopes_block import SlopesField, slopes
 
 MAX_INPUTS = 16
 MAX_PARAMETERS = 100
+_NORMAL_FORM = ("A", "phi", "lipschitz")
 # Names that mean something else where a name of this kind stands.
 _MEANT = {
     ("inputs", "d"): "disturbance", ("inputs", "v"): "noise", ("states", "where"): "inequalities of a domain",
@@ -123,9 +124,15 @@ def plant_problems(
 
     yield from _name_problems(plant)
     if plant.dynamics is None and "dynamics" not in wrong_fields:
-        for name in ("A", "phi", "lipschitz"):
-            if getattr(plant, name) is None and name not in wrong_fields:
-                yield Problem(at(name), "is required", hint="or type the plant as `dynamics` and `output`")
+        missing = [name for name in _NORMAL_FORM if getattr(plant, name) is None and name not in wrong_fields]
+        if missing == [*_NORMAL_FORM]:
+            yield Problem(at(), "what the plant is made of is required: A, phi and lipschitz, or dynamics and output")
+            missing = []
+        elif missing == [*_NORMAL_FORM[1:]]:
+            yield Problem(at("phi"), "phi and lipschitz are required", hint=_linear(len(states or ())))
+            missing = []
+        for name in missing:
+            yield Problem(at(name), "is required", hint="or type the plant as `dynamics` and `output`")
         for name in ("output", "coordinates"):
             if getattr(plant, name) is not None:
                 yield Problem(at(name), "goes with `dynamics`, which is not given")
@@ -164,6 +171,14 @@ def plant_problems(
     if plant.disturbance is not None:
         moved = plant.coordinates is not None
         yield from disturbance_problems(plant.disturbance, at("disturbance"), n, moved=moved)
+
+
+def _linear(n: int) -> str:
+    """What a linear plant is typed with beside A."""
+    short = 0 < n <= 4  # states of which the matrix is shown
+    phi = ", ".join(['"0"'] * n) if short else '"0", ..'
+    rows = ", ".join(["[" + ", ".join("0" * n) + "]"] * n) if short else "[0, ..], .."
+    return f"of a linear plant write phi: [{phi}] and lipschitz: [{rows}]; or type `dynamics` and `output`"
 
 
 def _name_problems(plant: PlantBlock) -> Iterator[Problem]:

@@ -21,7 +21,7 @@ from cdobs_cli.spec.block import Block, Name
 from cdobs_cli.spec.boxes import MAX_STATES, ordered, shape_problem
 from cdobs_cli.spec.delay_field import DELAY_WORDS, DelayField
 from cdobs_cli.spec.noise_block import NoiseBlock, noise_problems
-from cdobs_cli.spec.reader import FieldPath
+from cdobs_cli.spec.reader import DecimalText, FieldPath, flow
 from cdobs_cli.thresholds import Threshold
 
 AT: FieldPath = ("measurement", "sensors")
@@ -136,25 +136,49 @@ def _rewritten(k: int, entry: Any) -> str:
 
 
 def _text(value: Any) -> str:
-    if isinstance(value, list):
-        return f"[{', '.join(map(_text, value))}]"
-    return ".." if value is None or isinstance(value, dict) else str(value)[:40]
+    return ".." if value is None or isinstance(value, dict) else flow(value) or ".."
 
 
 SensorsField = Annotated[dict[Name, SensorBlock], BeforeValidator(_named)]
 
 
 def one_law(value: Any, info: ValidationInfo) -> Any:
-    """A list of sampling laws is refused, and shown as sensors; a list of instants, and shown as an interval."""
-    if isinstance(value, dict) and "times" in value:
-        raise _listed(value["times"])
+    """A list of sampling laws is refused, and shown as sensors; a list of instants, and shown as an interval; keys of
+    two laws at once."""
+    if isinstance(value, dict):
+        if (instants := next((name for name in _INSTANTS if name in value), None)) is not None:
+            raise _listed(value[instants])
+        _refuse_two_laws(value)
     if not isinstance(value, list):
         return value
+    if value and not any(isinstance(one, dict | list) for one in value):
+        raise _ends_of(value) if len(value) == 2 else _listed(value)
     C = info.data.get("C")
-    rows = C.texts() if C is not None and C.shape[0] == len(value) else [[".."]] * len(value)
-    sensors = [_rewritten(k, {"C": [rows[k]], "sampling": law}) for k, law in enumerate(value)]
+    rows = C.texts() if C is not None and C.shape[0] == len(value) else None
+    listed = [None if rows is None else [[DecimalText(one) for one in row]] for row in rows or value]
+    sensors = [_rewritten(k, {"C": listed[k], "sampling": law}) for k, law in enumerate(value)]
     what = "one law for all outputs is expected; outputs with periods of their own are sensors"
     raise wrong(what, f"write, for C and sampling, sensors: {{{', '.join(sensors)}}}")
+
+
+_INSTANTS = ("times", "instants", "timestamps", "t_k", "sampling_times", "sample_times")
+
+
+def _refuse_two_laws(value: dict[str, Any]) -> None:
+    """A constant period, an interval of periods, and instants that the observer chooses exclude one another."""
+    laws = [
+        f"{{{', '.join(f'{name}: {_text(value[name])}' for name in names if name in value)}}}"
+        for names in (("period",), ("min_period", "max_period"), ("updated",))
+        if any(name in value for name in names)
+    ]
+    if len(laws) > 1:
+        raise wrong(f"one law is expected, these are {len(laws)}", f"write sampling: {', or sampling: '.join(laws)}")
+
+
+def _ends_of(ends: list[Any]) -> Exception:
+    """Two numbers may be the ends of an interval of periods."""
+    low, high = map(_text, ends)
+    return wrong("a mapping is expected", f"write sampling: {{min_period: {low}, max_period: {high}}}")
 
 
 def _listed(times: Any) -> Exception:
