@@ -327,7 +327,9 @@ def shapes(question: Question) -> Iterator[Shape]:
     if not 0 < T_max < 1e12 or not is_small(question.inclusion):
         return
     N = question.inclusion.floats.base.shape[0]
-    for (d, D, pieces), largest in zip(_SCHEDULE, _LARGEST[question.level], strict=True):
+    # From T_min = 0 coarse shapes end early; for two states a finer one is quick.
+    level = min(question.level + 1, len(_LARGEST) - 1) if law.from_zero and N <= 2 else question.level
+    for (d, D, pieces), largest in zip(_SCHEDULE, _LARGEST[level], strict=True):
         if law.is_lossy:
             pieces = max(1, pieces // (law.lost + 1)) * (law.lost + 1)
         if (pieces * d + 1) * N * (N + 1) // 2 > largest:
@@ -359,6 +361,8 @@ def design_impulsive(question: Question, letter: str = "K") -> tuple[ExactMatrix
         if law.T_max.rational is None:
             return None
         away = question.under(SamplingLaw("aperiodic", Exact(law.T_max.rational / 8), law.T_max))
+        if question.inclusion.floats.base.shape[0] <= 2:
+            away = away.with_effort(question.effort + 1)  # as `shapes` goes further from 0
     for shape in shapes(away):
         K = _guess_gain(away, shape)
         if K is None:
