@@ -119,7 +119,7 @@ def _settling(report: Report) -> str:
     if math.isinf(rate):
         return ""
     time = math.log(_SETTLED * max(factor, 1.0)) / rate
-    return f" (to 1 % within {duration(repr(time), report.labels.time, digits=2, up=True)}{noisy})"
+    return f" (to 1 % within {duration(repr(time), report.labels.time, digits=2)}{noisy})"
 
 
 def _reach(report: Report) -> str:
@@ -189,23 +189,24 @@ def _assumed(report: Report) -> Iterator[str]:
     yield from (condition if condition.endswith(".") else f"{condition}." for condition in report.conditions)
 
 
-def duration(text: str, unit: str, digits: int = _DIGITS, up: bool = False) -> str:
-    """A time in a unit that suits it, where it is in seconds: `20 ms`, `35 min`. Long texts are rounded, up or down."""
+def duration(text: str, unit: str, digits: int | None = None) -> str:
+    """A time in a unit that suits it, where it is in seconds: `20 ms`, `35 min`. Rounded up to so many digits, where
+    any are given; ends of a bracket have been rounded to their own side."""
     value = float_or_none(text)
     if value is None or unit != SECONDS or not math.isfinite(value) or value == 0:
-        return f"{_short(text, digits, up=up)} {unit}"
+        return f"{_short(text, digits)} {unit}"
     for name, size, least in (("h", "3600", 7200), ("min", "60", 300), ("s", "1", 0.1), ("ms", "0.001", 1e-4)):
         if value >= least:
             scaled = format(Decimal(text) / Decimal(size), "f")
             if name in ("s", "ms") or len(scaled.rstrip("0")) <= 8:
-                return f"{_short(scaled, digits, up=up)} {name}"
-    return f"{_short(format(Decimal(text) * 10**6, 'f'), digits, up=up)} µs"
+                return f"{_short(scaled, digits)} {name}"
+    return f"{_short(format(Decimal(text) * 10**6, 'f'), digits)} µs"
 
 
-def _short(text: str, digits: int, *, up: bool) -> str:
+def _short(text: str, digits: int | None) -> str:
     value = float_or_none(text)
     if value is None:
         return text
-    if math.isfinite(value) and len(text.replace(".", "").strip("0")) <= 8 and not up:
-        return text.rstrip("0").rstrip(".") if "." in text else text
-    return end_text(text, digits if up else max(digits, 6), up=up)
+    if digits is not None or not math.isfinite(value):
+        return end_text(text, digits or _DIGITS, up=True)
+    return text.rstrip("0").rstrip(".") if "." in text else text

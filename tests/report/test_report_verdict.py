@@ -22,7 +22,7 @@ from cdobs_cli.sensors import Sensor
 
 @pytest.mark.parametrize(("time", "unit", "text"), [
     ("0.02", "s", "20 ms"), ("0.6", "s", "0.6 s"), ("60", "s", "60 s"), ("300", "s", "5 min"), ("7200", "s", "2 h"),
-    ("0.00003", "s", "30 µs"), ("0.0320651234567", "s", "32.0651 ms"), ("5", "min", "5 min"),
+    ("0.00003", "s", "30 µs"), ("0.0320651234567", "s", "32.0651234567 ms"), ("5", "min", "5 min"),
     ("0.02", "min", "0.02 min"), ("inf", "s", "∞ s"), ("1000000", "s", "1000000 s"),
 ])  # fmt: skip
 def test_times_in_a_unit_that_suits_them(time: str, unit: str, text: str) -> None:
@@ -31,8 +31,11 @@ def test_times_in_a_unit_that_suits_them(time: str, unit: str, text: str) -> Non
 
 def test_rounded_to_the_safe_side() -> None:
     proved = Bound("0.0320699999999", "0.0321000000001", unit="s", better="more")
+    close = Bound("0.35020966123", "0.35020966871", unit="s", better="more")
     (told,) = [line for line in words(make_report(check=with_period(proved))) if "at most" in line]
     assert "at most 32.0699 ms; at 32.1001 ms it fails" in told
+    (told,) = [line for line in words(make_report(check=with_period(close))) if "at most" in line]
+    assert "at most 0.3502096612 s; at 0.3502096688 s it fails" in told
 
 
 def with_period(bound: Bound):
