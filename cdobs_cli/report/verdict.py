@@ -131,14 +131,16 @@ def _reach(report: Report) -> str:
     if name not in _PERIODS or law.is_updated != (name == "guaranteed_period"):
         return ""
     unit, (proved, refuted) = bound.unit, ends_text(bound)
-    which = "The shortest sensor's period" if law.has_sensors else "The longest time between samples"
-    which = "The period" if law.is_periodic or law.is_lossy or law.is_random else which
+    known = law.is_periodic or law.is_lossy or law.is_random
+    which = "The longest period proved is" if known else "The longest time between samples proved is"
+    if law.has_sensors:
+        which = "With all periods in proportion, the shortest of them is proved up to"
     if bound.proved is None:
         told = f"No period is proved; from {duration(refuted, unit)} on {_fails(name, bound)}"
         return f"{told}." if bound.refuted is not None else ""
     if proved == "∞":
         return "No period is too long: the error decays by itself between samples."
-    reach = f"{which} for which this is proved is at most {duration(proved, unit)}"
+    reach = f"{which} {duration(proved, unit)}"
     if name == "guaranteed_period":
         return f"At least {duration(proved, unit)} pass from one sample to the next."
     if bound.refuted is None:

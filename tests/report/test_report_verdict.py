@@ -32,10 +32,10 @@ def test_times_in_a_unit_that_suits_them(time: str, unit: str, text: str) -> Non
 def test_rounded_to_the_safe_side() -> None:
     proved = Bound("0.0320699999999", "0.0321000000001", unit="s", better="more")
     close = Bound("0.35020966123", "0.35020966871", unit="s", better="more")
-    (told,) = [line for line in words(make_report(check=with_period(proved))) if "at most" in line]
-    assert "at most 32.0699 ms; at 32.1001 ms it fails" in told
-    (told,) = [line for line in words(make_report(check=with_period(close))) if "at most" in line]
-    assert "at most 0.3502096612 s; at 0.3502096688 s it fails" in told
+    (told,) = [line for line in words(make_report(check=with_period(proved))) if " proved is " in line]
+    assert "proved is 32.0699 ms; at 32.1001 ms it fails" in told
+    (told,) = [line for line in words(make_report(check=with_period(close))) if " proved is " in line]
+    assert "proved is 0.3502096612 s; at 0.3502096688 s it fails" in told
 
 
 def with_period(bound: Bound):
@@ -47,7 +47,7 @@ def test_what_is_proved_comes_first() -> None:
     report = make_report(check=make_check())
     first, second, *further = words(report)
     assert first.startswith("The estimate converges (to 1 % within ") and "if samples come every 0.6 s" in first
-    assert second.startswith("The period for which this is proved is at most 1.713043 s; at 1.7131 s it fails")
+    assert second.startswith("The longest period proved is 1.713043 s; at 1.7131 s it fails")
     assert any(line.startswith("Assumed: the plant stays in") for line in further)
     assert summary_lines(report)[1].strip() == first
     assert f"<strong>{first}</strong>" in html_page(report, {chart.name: b"<svg ></svg>" for chart in report.charts})
@@ -59,8 +59,8 @@ def test_no_period_is_too_long() -> None:
 
 
 def test_nothing_refuted_and_nothing_proved() -> None:
-    (told,) = [one for one in words(make_report(check=with_period(Bound("2", None, unit="s")))) if "at most" in one]
-    assert told.endswith("at most 2 s; none is known for which it fails.")
+    (told,) = [one for one in words(make_report(check=with_period(Bound("2", None, unit="s")))) if " proved is " in one]
+    assert told.endswith("proved is 2 s; none is known for which it fails.")
     (told,) = [one for one in words(make_report(check=with_period(Bound(None, "2", unit="s")))) if "No period" in one]
     assert told == "No period is proved; from 2 s on it fails (a counterexample can be replayed)."
 
