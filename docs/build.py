@@ -126,6 +126,8 @@ def _kinds(entry: Any, titles: Mapping[str, str]) -> str:
     words: list[str] = []
     for one in options:
         if "if" in one:
+            title = titles[one["then"]["$ref"].rsplit("/", 1)[1]]
+            words.append(f"[{title.rsplit(' ', 1)[1]}](#{slug(title)})")
             continue
         if "const" in one or "enum" in one:
             words += [f"`{_typed(value)}`" for value in one.get("enum", [one.get("const")])]
@@ -133,13 +135,14 @@ def _kinds(entry: Any, titles: Mapping[str, str]) -> str:
             title = titles[one["$ref"].rsplit("/", 1)[1]]
             words.append(f"[a block](#{slug(title)})")
         elif one.get("type") == "array":
-            words.append(_listed(one))
+            inner = _references(one["items"]) if "items" in one else []
+            words.append(f"a list of [blocks](#{slug(titles[inner[0]])})" if inner else _listed(one))
         elif one.get("type") == "object" and one.get("additionalProperties"):
             inner = _references(one["additionalProperties"])
             what = f" to [blocks](#{slug(titles[inner[0]])})" if inner else ""
             words.append(f"a mapping from names{what}")
         elif one.get("type") == "object" and "properties" in one and one is not entry:
-            words.append("a block")
+            words.append(f"`{{{', '.join(f'{name}: ..' for name in one['properties'])}}}`")
         elif "anyOf" not in one and isinstance(one.get("type"), str) and one["type"] not in ("null", "object"):
             words.append(_WORDS[one["type"]])
     if "a number" in words and "text" in words:
