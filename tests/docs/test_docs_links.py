@@ -9,6 +9,7 @@ import pytest
 from docs_pages import anchors, builder, entries, links, target
 
 from cdobs_cli.exact.parser import TYPED_FUNCTIONS
+from cdobs_cli.families import FAMILIES
 from cdobs_cli.report.references import bibliography
 from cdobs_cli.spec.schema import json_schema
 
@@ -47,6 +48,10 @@ def test_every_page_is_in_a_table_of_contents(pages: Path) -> None:
     listed = [target(pages, name, f"{entry}.md") for name, text in found.items() for entry in entries(text)]
     assert len(listed) == len(set(listed))
     assert set(listed) | {pages.resolve() / "index.md"} == {pages.resolve() / name for name in found}
+
+
+def test_every_family_has_a_page(pages: Path) -> None:
+    assert {path.stem for path in (pages / "families").glob("*.md")} == set(FAMILIES)
 
 
 def test_pages_from_the_code_leave_nothing_out(pages: Path) -> None:
