@@ -23,6 +23,7 @@ from cdobs_cli.exact.language import LANGUAGE, MACROS, SUBSTITUTES, TYPED_FUNCTI
 from cdobs_cli.exact.parser import CONSTANTS
 from cdobs_cli.exact.shapes import Kink
 from cdobs_cli.families import FAMILIES
+from cdobs_cli.labels import SECONDS
 from cdobs_cli.report.references import bibliography
 from cdobs_cli.spec.schema import json_schema
 
@@ -243,20 +244,22 @@ def _example(path: Path, spec: Mapping[str, Any]) -> list[str]:
     expected = [f"- {_expectation(entry)}" for entry in spec.get("expect") or ()]
     return [
         f"### {path.stem}", "",
-        f"{_plain(spec['title'])}. Family: `{family}`. Measured: {_law(spec['measurement'])}.", "",
+        f"{_plain(spec['title'])}. Family: `{family}`. Measured: {_law(spec)}.", "",
         "Expected:" if expected else "Expected: that all is proved.", "", *expected, "",
         f"<details><summary>specs/{path.name}</summary>", "", "```yaml", path.read_text(encoding="utf-8").rstrip(),
         "```", "", "</details>",
     ]  # fmt: skip
 
 
-def _law(measurement: Mapping[str, Any]) -> str:
+def _law(spec: Mapping[str, Any]) -> str:
+    """When samples come, in words."""
+    measurement, unit = spec["measurement"], spec["plant"].get("time_unit", SECONDS)
     if "sensors" in measurement:
-        return f"by the sensors {', '.join(measurement['sensors'])}"
+        return f"by {' and '.join(measurement['sensors'])}"
     law = measurement["sampling"]
     if "period" in law:
-        return f"every {law['period']}"
-    return "when the observer asks" if "updated" in law else f"at most {law['max_period']} apart"
+        return f"every {law['period']} {unit}"
+    return "when the observer asks" if "updated" in law else f"at most {law['max_period']} {unit} apart"
 
 
 def _expectation(entry: Mapping[str, Any]) -> str:
