@@ -1,5 +1,6 @@
 # `make demo`: install into .venv and run the shipped specs to reports and figures.
 # `make test`: style, types, import contracts, tests.
+# `make docs`: the site, links checked, into build/docs.
 # `make bench`: a table of what commands and methods take. `make growth`: a figure of how it grows.
 PYTHON ?= python3
 VENV := .venv
@@ -12,7 +13,7 @@ export OMP_NUM_THREADS := 1
 export RAYON_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test lint bench growth lowest clean
+.PHONY: demo test lint docs bench growth lowest clean
 
 demo: $(VENV)/installed
 	$(BIN)/cdobs run specs --out results --jobs $(JOBS)
@@ -26,6 +27,10 @@ lint: $(VENV)/installed-dev
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
+
+docs: $(VENV)/installed-docs
+	$(BIN)/python docs/build.py build/docs
+	@echo "Open build/docs/index.html."
 
 bench: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/table.py
@@ -52,6 +57,10 @@ $(VENV)/installed-dev: requirements.lock requirements-dev.lock pyproject.toml | 
 	$(BIN)/python -m pip install --quiet --requirement requirements.lock --requirement requirements-dev.lock
 	$(BIN)/python -m pip install --quiet --no-deps --editable .
 	@touch $@ $(VENV)/installed
+
+$(VENV)/installed-docs: requirements-docs.lock $(VENV)/installed-dev
+	$(BIN)/python -m pip install --quiet --requirement requirements.lock --requirement requirements-dev.lock --requirement requirements-docs.lock
+	@touch $@
 
 clean:
 	rm -rf $(VENV) .lowest results build *.egg-info .mypy_cache .ruff_cache .pytest_cache

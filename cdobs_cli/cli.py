@@ -111,7 +111,10 @@ def init(
         Path | None, typer.Option("-o", "--out", metavar="FILE", help="Write here instead of stdout.")
     ] = None,
 ) -> None:
-    """Print a commented spec that runs as it is: of a family, or the shortest that leaves the family open."""
+    """Print a commented spec that runs as it is: of a family, or the shortest that leaves the family open.
+
+    With -o it is written, and beside it the JSON Schema by which editors check it.
+    """
     from cdobs_cli.scaffold import example, write_new
 
     text = example(family)
@@ -194,13 +197,15 @@ def explain(
 
 
 @app.command()
-def schema() -> None:
+def schema(
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="FILE", help="Write here instead of stdout.")
+    ] = None,
+) -> None:
     """Print the JSON Schema of a spec, for YAML editors."""
-    import json
+    from cdobs_cli.scaffold import schema_text, write_schema
 
-    from cdobs_cli.spec.schema import json_schema
-
-    say(json.dumps(json_schema(), indent=2))
+    say(schema_text()) if out is None else write_schema(out)
 
 
 @app.command()

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, ClassVar
 
+from pydantic import Field
+
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.fields import ExactNumber, Through, Vector, wrong
@@ -44,8 +46,8 @@ class BoxBlock(Block):
     """lower <= . <= upper, componentwise."""
 
     required: ClassVar[tuple[str, ...]] = ("lower", "upper")
-    lower: Vector | None = None
-    upper: Vector | None = None
+    lower: Vector | None = Field(default=None, description="The lower ends, a number each.")
+    upper: Vector | None = Field(default=None, description="The upper ends, a number each.")
 
     def box(self) -> Box:
         """Once `box_problems` found nothing."""

@@ -38,14 +38,16 @@ from cdobs_cli.spec.sensors_block import (
 class Periodic(Block):
     """A measurement every `period`."""
 
-    period: PositiveNumber
+    period: PositiveNumber = Field(description="From each measurement to the next.")
 
 
 class Aperiodic(Block):
     """Measurements at least `min_period` and at most `max_period` apart."""
 
-    min_period: NonNegativeNumber | None = None
-    max_period: PositiveNumber
+    min_period: NonNegativeNumber | None = Field(
+        default=None, description="The least time between two measurements; 0 where left out."
+    )
+    max_period: PositiveNumber = Field(description="The longest time between two measurements.")
 
     @property
     def shortest(self) -> Exact:
@@ -56,7 +58,7 @@ class Aperiodic(Block):
 class Updated(Block):
     """The observer chooses its sampling instants."""
 
-    updated: Literal[True]
+    updated: Literal[True] = Field(description="The family updated_sampling says how the observer chooses them.")
 
 
 def _law(value: Any) -> str:
@@ -80,10 +82,17 @@ class MeasurementBlock(Block):
     """y_k = C x(t_k) + v_k, and when; or the same of each sensor."""
 
     model_config = ConfigDict(json_schema_extra={"anyOf": [{"required": ["sampling"]}, {"required": ["sensors"]}]})
-    C: Rows | None = None
-    sampling: SamplingField | None = None
-    noise: NoiseBlock | None = None
-    lost: LostBlock | None = None
+    C: Rows | None = Field(
+        default=None, description="What is measured, C x: a row for each output, a column for each state."
+    )
+    sampling: SamplingField | None = Field(
+        default=None, description="When measurements are taken: {period}, {min_period, max_period} or {updated: true}."
+    )
+    noise: NoiseBlock | None = Field(
+        default=None,
+        description="What is added to each measurement and not known: a box, or of mean 0 and a covariance.",
+    )
+    lost: LostBlock | None = Field(default=None, description="With a constant period: which samples may be lost.")
     delay: Annotated[DelayField | None, Field(description=DELAY_WORDS)] = None
     delays: Annotated[
         Use | None, Field(description="What is done on arrival: the estimate is computed again from the stamp on.")
