@@ -19,6 +19,7 @@ DARK = {
     STRETCHED: "#1d242b",
 }  # fmt: skip
 _COLOUR = re.compile(rf"(?<=: )({'|'.join(DARK)})\b")
+_FILL = re.compile(rf'fill="({"|".join(DARK)})"')
 
 
 def _name(colour: str) -> str:
@@ -32,4 +33,5 @@ def variables(*, dark: bool) -> str:
 
 def adaptable(svg: str) -> str:
     """A drawing whose colours are those that the style sheet of its page gives."""
-    return _COLOUR.sub(lambda match: f"var({_name(match[1])}, {match[1]})", svg)
+    styled = _FILL.sub(r'style="fill: \1"', svg)  # an attribute knows no variables
+    return _COLOUR.sub(lambda match: f"var({_name(match[1])}, {match[1]})", styled)

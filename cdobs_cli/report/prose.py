@@ -6,17 +6,19 @@ import re
 from collections.abc import Iterator
 from html import escape
 
-from cdobs_cli.report.equations import GREEK, Digits, Formula, Script, latex, mathml, name_formula
+from cdobs_cli.report.equations import GREEK, Digits, Formula, Operator, Row, Script, latex, mathml, name_formula
 
 _GREEK = "|".join(sorted(GREEK, key=len, reverse=True))
 _INDEX = r"(?:_?\d+|(?:_[A-Za-z0-9]+)+)"
 _POWER = r"\^(?:\((?P<powers>-?\w+)\)|(?P<power>-?\w+))"
 # A Greek letter, or a letter with an index or a power; what stands in backticks, a path or a dotted id stays.
 _TOKEN = re.compile(
-    rf"`[^`]*`|(?<![\w.`\'/\\^-])(?:(?P<name>(?:{_GREEK}){_INDEX}?|[A-Za-z]{_INDEX})(?:{_POWER})?"
+    r"`[^`]*`|(?:\bd |∂)(?P<above>[A-Za-z]\w*|φ\d+) ?/ ?(?:d |∂)(?P<below>[A-Za-z]\w*)"
+    rf"|(?<![\w.`\'/\\^-])(?:(?P<name>(?:{_GREEK}){_INDEX}?|[A-Za-z]{_INDEX})(?:{_POWER})?"
     rf"|(?P<letter>[A-Za-z]){_POWER.replace('powers', 'raised').replace('power>', 'lifted>')})(?![\w^]|\.\w)"
 )
 _DERIVATIVE = re.compile(r"\bd ([A-Za-z]\w*) / d ([A-Za-z]\w*)")
+_NAME = re.compile(rf"(?<![A-Za-z])(?:{_GREEK})(?![A-Za-z])")
 _SIGNS = {"<=": "≤", ">=": "≥", "->": "→", " * ": " · "}
 _SIGN = re.compile(r"`[^`]*`|<=|>=|->| \* |\*\*[23](?![\d.])")
 
@@ -32,7 +34,7 @@ def plain(text: str) -> str:
     """The text with Greek letters and signs as characters; indices stay as they are typed."""
 
     def greek(match: re.Match[str]) -> str:
-        return re.sub(rf"^(?:{_GREEK})(?![A-Za-z])", lambda name: GREEK[name[0]], match[0])
+        return match[0] if match[0].startswith("`") else _NAME.sub(lambda name: GREEK[name[0]], match[0])
 
     return _signs(_TOKEN.sub(greek, _DERIVATIVE.sub(r"∂\1/∂\2", text)))
 
@@ -51,8 +53,14 @@ def mathtext(label: str) -> str:
 
 def _pieces(text: str) -> Iterator[str | Formula]:
     """The text in order, with a formula in the place of each name."""
-    text, end = _DERIVATIVE.sub(r"∂\1/∂\2", text), 0
+    end = 0
     for match in _TOKEN.finditer(text):
+        if match["above"] is not None:
+            yield text[end : match.start()]
+            above, below = (Row((Operator("∂"), name_formula(match[one]))) for one in ("above", "below"))
+            yield Row((*above.parts, Operator("/"), *below.parts))
+            end = match.end()
+            continue
         name = match["name"] or match["letter"]
         if name is None:
             continue

@@ -46,7 +46,7 @@ from cdobs_cli.run import RunSummary
 from cdobs_cli.sampling import SamplingLaw
 
 MAX_RUN_ROWS = 20
-_SIMULATION_CHARTS = ("states", "typed_states", "error", "accuracy", "sampling")
+_SIMULATION_CHARTS = ("states", "typed_states", "error", "bands", "accuracy", "sampling")
 
 
 def sections(report: Report) -> tuple[Section, ...]:
@@ -361,6 +361,10 @@ def _arcs(witness: Witness, labels: Labels) -> tuple[Block, ...]:
 def _simulation(report: Report) -> Section:
     if report.run is None:
         return Section("Simulation", ())
+    if report.design.outcome == "none":
+        alone = Paragraph("There is no observer to run: this is the plant by itself.")
+        pictures = (Picture(chart) for chart in report.charts if chart.name in _SIMULATION_CHARTS)
+        return Section("Simulation", (*_signals(report), alone, *pictures))
     overall, runs = report.run.overall, report.run.summaries
     rows = [_run_row(str(index + 1), summary, report.labels) for index, summary in enumerate(runs[:MAX_RUN_ROWS])]
     if len(runs) > 1:

@@ -87,4 +87,4 @@ def _points(series: Series, panel: Panel) -> list[tuple[float, float]]:
     for start in range(0, len(points), step):
         part = points[start : start + step]
         kept += [part[0], *([] if step == 1 else [max(part[1:] or part, key=lambda point: abs(point[1]))])]
-    return kept
+    return [*kept, *points[-1:]]

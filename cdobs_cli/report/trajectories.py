@@ -127,7 +127,7 @@ def states_chart(plant: Plant, trajectory: Trajectory, runs: int = 1, law: Sampl
                 series.append(_few(Series("lost sample", lost, missed, "points", "refuted"), stretch)[0])
         panels.append(Panel("time (s)", axis_name(name), tuple(series)))
     if not trajectory.estimates:
-        caption = "The states of the plant alone, since there is no observer."
+        caption = "The states of the plant; dots are what would be measured."
     elif len(trajectory.t_k):
         whose = ", each sensor's of their own" if sensors else ""
         caption = f"Each state with its estimate; dots are measurements{whose}, at the instants they are taken."
@@ -147,7 +147,8 @@ def states_chart(plant: Plant, trajectory: Trajectory, runs: int = 1, law: Sampl
         caption += f" The first {MAX_PANELS} of {plant.n} states are drawn."
     if runs > 1:
         caption += f" The first of {runs} runs."
-    return Chart("states", "States and estimates", caption, tuple(panels), stretch)
+    title = "States and estimates" if trajectory.estimates else "States"
+    return Chart("states", title, caption, tuple(panels), stretch)
 
 
 def _few(series: Series, stretch: float | None) -> tuple[Series, int]:

@@ -52,7 +52,8 @@ def test_names() -> None:
 
 
 def test_long_numbers_are_cut_in_formulas_and_whole_in_gains() -> None:
-    assert latex(formula(parse("1.41421356237309504*u", NAMES))) == r"1.414213\dots u"
+    assert latex(formula(parse("1.41421356237309504*u", NAMES))) == "1.41421356237309504 u"
+    assert latex(formula(parse("1.4142135623730950488016887242*u", NAMES))) == r"1.414213562373095\dots u"
     assert (
         latex(matrix(ExactMatrix([["1.41421356237309504"]])))
         == r"\left[ \begin{matrix} 1.41421356237309504 \end{matrix} \right]"

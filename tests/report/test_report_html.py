@@ -104,7 +104,7 @@ def test_a_report_without_check_or_run_says_so() -> None:
     assert set(files) == {
         "report.md",
         "report.html",
-        *(f"figures/{name}" for name in ("period_slope.svg", "period_slope.csv", ".drawn.json")),
+        *(f"figures/{name}" for name in ("period_slope.svg", "period_slope.csv", "thumbnail.svg", ".drawn.json")),
     }
 
 
@@ -124,7 +124,7 @@ def test_the_index() -> None:
     assert all(not re.match(r"(https?:)?//", address) for address in checker.addresses)
     text = "".join(checker.text)
     assert "plant.A: <b>not</b> square" in text
-    assert "[0.18, ∞] s" in text
+    assert "proved up to 0.18 s" in text
     assert "3 specs: 1 proved, 1 refuted, 1 invalid." in text
 
 

@@ -40,7 +40,7 @@ def test_summary_without_a_design() -> None:
     report = make_report(design=none)
     lines = summary_lines(report)
     assert lines[0] == "reachability_pendulum: no design found"
-    assert "  the pair (A, C) is not detectable" in lines
+    assert "  No observer was found: the pair (A, C) is not detectable." in lines
     assert report.charts == ()
 
 
