@@ -6,6 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from html import escape
+from textwrap import shorten
 
 from cdobs_cli.printable import printable
 from cdobs_cli.report import prose
@@ -31,6 +32,7 @@ from cdobs_cli.report.status import STATUS_CLASSES, SYMBOLS, status_badge
 from cdobs_cli.report.style import page
 from cdobs_cli.report.verdict import is_expected, verdict_text, words
 
+_TITLE = 70  # letters that a browser and a search engine show
 _NUMBER = re.compile(r"[−-]?[\d.]+(e-?\d+)?|∞|–")
 
 
@@ -41,7 +43,7 @@ def html_page(report: Report, pictures: Mapping[str, bytes]) -> str:
     for section in told:
         body.append(f'<h2 id="{_anchor(section.title)}">{escape(section.title)}</h2>')
         body += [_block(block, pictures) for block in section.blocks]
-    return page(escape(report.title), "\n".join(body))
+    return page(escape(shorten(report.title, _TITLE, placeholder=" …")), "\n".join(body))
 
 
 def _contents(titles: Sequence[str]) -> str:
@@ -69,7 +71,8 @@ def _block(block: Block, pictures: Mapping[str, bytes]) -> str:
         case Bullets(items):
             return f"<ul>{''.join(f'<li>{prose.html(item)}</li>' for item in items)}</ul>"
         case Mathematics(equations):
-            return f'<div class="formula">{mathml_block(equations)}</div>'
+            shown = mathml_block(equations)
+            return f'<div class="formula" tabindex="0" role="group" aria-label="Formula">{shown}</div>'
         case Grid():
             return _grid(block)
         case Picture(chart, number):
@@ -87,7 +90,7 @@ def _figure_anchor(name: str) -> str:
 
 def _grid(grid: Grid) -> str:
     title = f"<caption>{escape(grid.title)}</caption>" if grid.title and not grid.is_folded else ""
-    head = "".join(f'<th scope="col">{prose.html(column)}</th>' for column in grid.columns)
+    head = "".join(f'<th scope="col">{escape(prose.plain(column))}</th>' for column in grid.columns)
     rows = "".join(f"<tr>{''.join(map(_cell, row, grid.columns))}</tr>" for row in grid.rows)
     # Tables of many columns become one card a row on a phone.
     kind = ' class="cards"' if len(grid.columns) > 4 else ""
