@@ -24,10 +24,11 @@ _SIGN = re.compile(r"`[^`]*`|<=|>=|->| \* |\*\*[23](?![\d.])")
 
 
 def html(text: str) -> str:
-    """The text for a page, its names as formulas."""
-    return "".join(
+    """The text for a page: its names as formulas, what stands in backticks as code."""
+    told = "".join(
         escape(_signs(piece)) if isinstance(piece, str) else f"<math>{mathml(piece)}</math>" for piece in _pieces(text)
     )
+    return re.sub("`([^`<]+)`", r"<code>\1</code>", told)
 
 
 def plain(text: str) -> str:

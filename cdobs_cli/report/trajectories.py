@@ -90,7 +90,7 @@ def transient_end(trajectory: Trajectory) -> float | None:
 
 def _stretched(end: float | None) -> str:
     """What a caption says of it."""
-    return "" if end is None else f" Up to {end:g} (shaded) the time axis has a larger scale."
+    return "" if end is None else f" Up to t = {end:g} (shaded) the time axis has a larger scale."
 
 
 def _thinned(t: Any, stretch: float | None) -> tuple[Any, int]:
