@@ -2,6 +2,7 @@
 # `make test`: style, types, import contracts, tests.
 # `make docs`: the site, links checked, into build/docs.
 # `make bench`: a table of what commands and methods take. `make growth`: a figure of how it grows.
+# `make pages`: pictures of every kind of page, and what html-validate and axe say of them.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -13,7 +14,7 @@ export OMP_NUM_THREADS := 1
 export RAYON_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test lint docs bench growth lowest clean
+.PHONY: demo test lint docs bench growth pages lowest clean
 
 demo: $(VENV)/installed
 	$(BIN)/cdobs run specs --out results --jobs $(JOBS)
@@ -38,6 +39,10 @@ bench: $(VENV)/installed-dev
 # How CPU and memory grow with states, corners and runs: build/growth.csv and build/growth.svg.
 growth: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/growth.py
+
+# Every kind of page at two widths, light, dark and in print: build/pages/pictures. Not a part of `make test`.
+pages: $(VENV)/installed-dev
+	$(BIN)/python tests/pages/pages.py
 
 # The lowest versions that pyproject.toml allows.
 lowest:

@@ -390,7 +390,12 @@ def _render(work: Work) -> list[Path]:
         return []
     from cdobs_cli.report.files import render
 
-    paths = work.store.write_files(render(report_model(work, digests), work.drawings))
+    model = report_model(work, digests)
+    if model.run is None and model.design.outcome == "none" and spec.simulation is not None:
+        from cdobs_cli.simulate.alone import plant_alone
+
+        model = replace(model, run=plant_alone(model.plant, spec.simulation))
+    paths = work.store.write_files(render(model, work.drawings))
     work.store.write_files({marker: content()})
     work.redone.add("report")
     return paths
