@@ -89,7 +89,8 @@ class SensorBlock(Block):
         """Whether its least period is above its longest."""
         if self.min_period is None or self.max_period is None:
             return False
-        return not ordered(self.min_period, self.max_period)
+        share = share_of(self.min_period, self.max_period)
+        return not ordered(self.min_period, self.max_period) if share is None else share > 1
 
     @property
     def most_lost(self) -> int:
