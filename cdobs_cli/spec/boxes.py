@@ -19,7 +19,7 @@ MAX_STATES = 32
 
 def ordered(lower: Exact, upper: Exact) -> bool:
     """Whether lower <= upper is certain."""
-    return (upper - lower).sign() in (0, 1)
+    return lower.is_at_most(upper)
 
 
 _ENDS = {frozenset(ends): ends for ends in (("lower", "upper"), ("min", "max"), ("low", "high"), ("lo", "hi"))}

@@ -89,7 +89,8 @@ class SensorBlock(Block):
         """Whether its least period is above its longest."""
         if self.min_period is None or self.max_period is None:
             return False
-        return not ordered(self.min_period, self.max_period)
+        share = share_of(self.min_period, self.max_period)
+        return not ordered(self.min_period, self.max_period) if share is None else share > 1
 
     @property
     def most_lost(self) -> int:
@@ -265,7 +266,10 @@ def _problems_of_times(sensor: SensorBlock, at: FieldPath) -> Iterator[Problem]:
             what = "min_period is above max_period"
             yield Problem((*at, "min_period"), what, str(sensor.min_period), f"at most {sensor.max_period}")
         if sensor.offset is not None:
-            what, hint = "goes with a period", "a sensor that keeps no step is read first when it likes"
+            what, hint = (
+                "goes with a period",
+                "a sensor that keeps no step is read first between min_period and max_period after the time 0",
+            )
             yield Problem((*at, "offset"), what, hint=hint)
         if sensor.lost is not None:
             hint = "else let max_period be the longest gap"
@@ -389,7 +393,7 @@ def schedule(sensors: Mapping[str, SensorBlock]) -> list[Sensor]:
         if every is None or offset is None or between is None:
             continue
         listed.append(
-            Sensor(name, outputs, every, least=between)
+            Sensor(name, outputs, every, lost=sensor.most_lost, least=between)
             if free
             else Sensor(name, outputs, every, offset, sensor.most_lost)
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -273,6 +274,42 @@ def test_words_are_ways_that_sensors_can_go() -> None:
     assert not law.repeats([gap * Exact(2) for gap in away.gaps], away.readings)
     assert not law.repeats(away.gaps, away.readings[::-1]) and not law.repeats(away.gaps, [None] * len(away.gaps))
     assert not SamplingLaw.periodic(h).repeats([h], [0])
+
+
+def test_sensors_that_keep_a_step_have_begun_together() -> None:
+    """Beside one that keeps none: read at multiples of their periods, and lost whole numbers of times."""
+    free = Sensor("c", (2,), F(3), least=F(1))
+    rigid = [Sensor("a", (0,), F(1), least=F(1)), Sensor("b", (1,), F(3, 2), least=F(3, 2)), free]
+    lost = [Sensor("a", (0,), F(1), least=F(1)), Sensor("b", (1,), F(5, 2), lost=1, least=F(5, 4)), free]
+    for sensors, step in ((rigid, F(1, 2)), (lost, F(1, 4))):
+        law = SamplingLaw.multirate(Exact(1), sensors)
+        assert SamplingLaw.from_document(law.document()) == law
+        found, ages = walks(law), set()
+        assert found
+        for walk in found:
+            assert law.repeats(walk.gaps, walk.readings)
+            t, at = F(0), dict[str, list[F]]()
+            for gap, reading in zip(walk.gaps * 2, walk.readings * 2, strict=True):
+                t += gap.rational or 0
+                at.setdefault(law.readings[reading or 0].name, []).append(t)
+            assert all((a - b) % step == 0 for a in at["a"] for b in at["b"])
+            ages |= {b - a for a, b in pairwise(at["b"])}
+        assert ages <= {sensors[1].least, sensors[1].every}
+        runs, draws = np.arange(20), Draws(1, 20)
+        walk, t_k = walker(law, draws, 20), np.zeros(20)
+        for k in range(40):
+            t_k = walk.after(runs, k, t_k)
+            steps = t_k[[law.readings[r].name == "b" for r in walk.reading]] / float(sensors[1].least or 1)
+            assert np.allclose(steps, np.round(steps), atol=1e-9)
+    together = [Sensor("a", (0,), F(1), least=F(1)), Sensor("b", (1,), F(1), least=F(1))]
+    assert all(
+        len(walk.gaps) == 2 and Exact(0) in walk.gaps for walk in walks(SamplingLaw.multirate(Exact(1), together))
+    )
+    for wrong in ({"lost": 3}, {"lost": 0}):
+        entries = SamplingLaw.multirate(Exact(1), lost).document()
+        entries["sensors"][1] |= wrong
+        with pytest.raises(ValueError, match="no sensor"):
+            SamplingLaw.from_document(entries)
 
 
 def test_a_word_out_of_its_law_refutes_nothing() -> None:
