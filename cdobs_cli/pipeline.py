@@ -302,7 +302,9 @@ def replay(work: Work, identifier: str) -> dict[str, Any]:
         again = run_witness(observer.inclusion(plant, design.gain), claim.witness)
         chart = replay_chart(name, identifier, again.arrays(), again.entries)
     archive = packed(again.arrays())
-    work.store.write_files({f"{name}.npz": archive, **_figures(work, [work.spec.labels.chart(chart)])})
+    axes = {label: state for state in plant.states for label in (state, f"error of {state}")}
+    shown = work.spec.labels.chart(chart, axes)
+    work.store.write_files({f"{name}.npz": archive, **_figures(work, [shown])})
     digests = _check_digests(work, design) | {"check": proved.digests[CONTENT], ARCHIVE: _sha256(archive)}
     document = {"schema_version": 1, "claim": identifier, **again.document(), "digests": digests}
     work.simulation = work.store.write(f"{name}.json", document)
