@@ -96,6 +96,41 @@ static int next(struct state *s, int which, int *known)
 }
 """
 
+_SETTLE = """\
+/* All messages of this instant from the state before it: the sensor farthest beyond its threshold corrects first, and
+ * what was sent is used again as long as another correction asks for it. */
+static void settled(struct state *s, int sender, real y, const real *u)
+{
+    real value, most, after[SIZE];
+    int k, far, rounds, some = 0;
+    for (k = 0; k < SENDERS; k++)
+        some |= s->known[k];
+    if (some)
+        memcpy(s->x, s->before, sizeof s->x);
+    else
+        memcpy(s->before, s->x, sizeof s->x);
+    s->known[sender] = 1;
+    s->sent[sender] = y;
+    for (rounds = 0; rounds < 1000; rounds++) {
+        far = -1;
+        most = 0;
+        for (k = 0; k < SENDERS; k++) {
+            if (!s->known[k])
+                continue;
+            excess(k, s->x, u, &s->sent[k], &value);
+            if ((value >= 0 || rounds == 0) && (far < 0 || value > most)) {
+                far = k;
+                most = value;
+            }
+        }
+        if (far < 0)
+            return;
+        message(far, s->x, u, &s->sent[far], after);
+        memcpy(s->x, after, sizeof after);
+    }
+}
+"""
+
 _LATE = """\
 static struct kept *keep(struct state *s)
 {
@@ -225,6 +260,9 @@ class C99:
                 f"struct {name}_kept {{", *(f"    {one}" for one in kept), "};", "",
             ]  # fmt: skip
             fields += [f"struct {name}_kept kept[{self.upper}_KEPT];", "int count;", "unsigned long tickets;"]
+        if portable.compares:
+            count = len(portable.compares)
+            fields += [f"{name}_real before[{len(portable.states)}], sent[{count}];", f"unsigned char known[{count}];"]
         guard = f"{self.upper}_H"
         lines = [
             *self.comment(_usage(portable)), f"#ifndef {guard}", f"#define {guard}", "", "#ifdef __cplusplus",
@@ -277,6 +315,10 @@ class C99:
         for word, output, row in portable.compares:
             there = self.at_xu | {f"y.{output}": "y[0]"}
             parts.append(self._function(f"at_sends_{word}", (row,), there, y=True))
+        if portable.compares:
+            words = [word for word, *_ in portable.compares]
+            parts.append(_chosen("excess", [f"at_sends_{word}" for word in words]))
+            parts += [_chosen("message", [f"jump_{k}_0" for k in range(len(words))]), _SETTLE]
         bodies = [
             f"{declared}\n{{\n{body}}}\n"
             for (_, declared), body in zip(self.declarations(), self._bodies(), strict=True)
@@ -284,6 +326,7 @@ class C99:
         code = "\n".join([*parts, *bodies])
         sizes: dict[str, Any] = {"SIZE": len(portable.states), "STAGES": STAGES, "OUTPUTS": portable.outputs}
         sizes |= {"LONGEST": f"{self.upper}_STEP", "NEARLY_ONE": self.constant(1 - 1e-6)}
+        sizes |= {"SENDERS": len(portable.compares)} if portable.compares else {}
         sizes |= {"KEPT": f"{self.upper}_KEPT"} if portable.late is not None else {}
         head = [
             *self.comment(),
@@ -326,11 +369,7 @@ class C99:
         every = range(self.portable.outputs)
         parts = [self._function("expected", late.expected, self.at_xu)]
         parts += [self._jump(f"sample_{k}", jump, every) for k, jump in enumerate(late.samples)]
-        arguments = "int pattern, const real *x, const real *u, const real *y, real *out"
-        cases = [f"    case {k}: sample_{k}(x, u, y, out); break;" for k in range(len(late.samples))]
-        parts.append(
-            "\n".join([f"static void sampled({arguments})", "{", "    switch (pattern) {", *cases, "    }", "}", ""])
-        )
+        parts.append(_chosen("sampled", [f"sample_{k}" for k in range(len(late.samples))]))
         return "\n".join([*parts, _LATE])
 
     def _bodies(self) -> Iterator[str]:
@@ -379,6 +418,8 @@ class C99:
         if portable.late is not None:
             yield "    one = keep(s);\n    one->pattern = -1;\n    one->dt = dt;\n"
             yield f"    memcpy(one->u, u, {inputs} * sizeof *u);\n" if inputs else ""
+        if portable.compares:
+            yield "    memset(s->known, 0, sizeof s->known);\n"
         if portable.schedule is not None:
             yield "    s->clock += dt / BASE;\n"
             if portable.schedule.count:
@@ -386,6 +427,9 @@ class C99:
         yield f"    flown(s->x, dt, {'u' if inputs else '0'});\n"
 
     def _correct(self, number_: int, one: Correction, u: str) -> Iterator[str]:
+        if self.portable.compares:
+            yield f"    settled(s, {number_}, *y, {u});\n"
+            return
         yield "    real after[SIZE];\n"
         if self.portable.schedule is None:
             yield f"    jump_{number_}_0(s->x, {u}, y, after);\n    memcpy(s->x, after, sizeof after);\n"
@@ -396,6 +440,13 @@ class C99:
         yield f"    int known;\n    switch (next(s, {number_}, &known)) {{\n{cases}"
         yield f"    default: jump_{number_}_0(s->x, {u}, y, after); break;\n    }}\n"
         yield "    memcpy(s->x, after, sizeof after);\n    return known;\n"
+
+
+def _chosen(name: str, functions: Sequence[str]) -> str:
+    """A function that calls the one of a number."""
+    arguments = "int which, const real *x, const real *u, const real *y, real *out"
+    cases = [f"    case {k}: {one}(x, u, y, out); break;" for k, one in enumerate(functions)]
+    return "\n".join([f"static void {name}({arguments})", "{", "    switch (which) {", *cases, "    }", "}", ""])
 
 
 def _usage(portable: Portable) -> list[str]:

@@ -36,7 +36,8 @@ def _output(t, x, u, params):
 
 def system(name={name!r}):
     """The observer as a discrete system with time step PERIOD: what is measured and the inputs, held until the next
-    sample, go in; the estimate just after the sample comes out."""
+    sample, go in; the estimate just after the sample comes out. Where outputs are functions of inputs, these are the
+    inputs of that moment."""
     import control
 
 {built}

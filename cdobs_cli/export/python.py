@@ -70,6 +70,20 @@ _SCHEDULE = """\
         self._ages = [0.0 if s in READ[which] else age for s, age in enumerate(self._ages)]
 """
 
+_SETTLE = """\
+    def _settle(self, sender, y, u):
+        \"\"\"All messages of this instant from the state before it: the sensor farthest beyond its threshold corrects
+        first, and what was sent is used again as long as another correction asks for it.\"\"\"
+        if not self._known:
+            self._before = self._x
+        self._x, self._known[sender] = self._before, y
+        for rounds in range(1000):
+            value, which = max(((EXCESS[k](*self._x, *u, sent)[0], -k) for k, sent in self._known.items()))
+            if value < 0 and rounds:
+                return
+            self._x = MESSAGES[-which](*self._x, *u, self._known[-which])
+"""
+
 _LATE = """\
     def sample(self{u_argument}):
         \"\"\"The sensors are read at this instant; what they say arrives later. Returns the ticket to give then.\"\"\"
@@ -188,6 +202,10 @@ def _functions(portable: Portable) -> Iterator[str]:
         yield function("_trigger", (portable.trigger,), portable.states)
     for word, output, row in portable.compares:
         yield function(f"_excess_{word}", (row,), (*at, f"y.{output}"))
+    if portable.compares:
+        excess = "".join(f"_excess_{word}, " for word, *_ in portable.compares)
+        messages = "".join(f"_jump_{k}_0, " for k in range(len(portable.compares)))
+        yield f"EXCESS, MESSAGES = ({excess}), ({messages})\n"
 
 
 def _observer(portable: Portable) -> Iterator[str]:
@@ -200,10 +218,14 @@ def _observer(portable: Portable) -> Iterator[str]:
         yield f"        self._node, self._clock, self._ages = None, 0.0, [0.0] * {schedule.count}\n"
     if late is not None:
         yield "        self._kept, self._ticket = [], 0\n"
+    if portable.compares:
+        yield "        self._known, self._before = {}, None\n"
     yield f'\n    def predict(self, dt{u}):\n        """dt later; the inputs are held."""\n        if not dt > 0:\n'
     yield "            return\n"
     if late is not None:
         yield f"        self._keep([None, dt, {held}])\n"
+    if portable.compares:
+        yield "        self._known = {}\n"
     if schedule is not None:
         yield "        self._clock += dt / BASE\n        self._ages = [age + dt / BASE for age in self._ages]\n"
     yield f"        self._x = _flown(self._x, dt, {held})\n"
@@ -222,7 +244,10 @@ def _observer(portable: Portable) -> Iterator[str]:
                 jumps = "".join(f"_jump_{number}_{k}, " for k in range(len(one.jumps)))
                 yield f"        self._x = ({jumps})[jump](*self._x, *{held}, *y)\n        return known\n"
             else:
-                yield f"        self._x = _jump_{number}_0(*self._x, *{held}, *y)\n"
+                jump = f"self._x = _jump_{number}_0(*self._x, *{held}, *y)"
+                yield f"        {f'self._settle({number}, y[0], {held})' if portable.compares else jump}\n"
+        if portable.compares:
+            yield "\n" + _SETTLE
         if schedule is not None:
             yield "\n" + _SCHEDULE
     for name in portable.estimates:

@@ -13,7 +13,7 @@ from cdobs_cli.export.vectors import TOLERANCE, Vectors
 _SHARE = 0.1  # of the tolerance: what the integration may take of it
 _MOST = 2048  # steps from a sample to the next: many where the flow has kinks
 _BLIND = 16  # such steps where there is nothing to compare with
-_WORK = 25_000  # steps of a replay: where each call takes many, fewer calls are kept
+_WORK = 50_000  # steps of a replay: where each call takes many, fewer calls are kept
 
 
 def with_step(portable: Portable, about: About, told: Vectors | None, period: float) -> tuple[About, Vectors | None]:
