@@ -31,7 +31,7 @@ app = typer.Typer(
 
 Format = StrEnum("Format", "text json junit sarif github")
 Plain = StrEnum("Plain", "text json")  # of what is not about specs
-Target = StrEnum("Target", "c99 python mat json control")
+Target = StrEnum("Target", "c99 python mat json control proof")
 Precision = StrEnum("Precision", "double float")
 STAGES = ("synthesize", "check", "simulate", "report")
 Stages = tuple[str, ...]
@@ -159,7 +159,11 @@ def report() -> Stages:
 @_about_specs("export")
 def export(
     to: Annotated[
-        Target, typer.Option("--to", help="What is written: C99, one Python file, matrices, data, python-control.")
+        Target,
+        typer.Option(
+            "--to",
+            help="What is written: C99, one Python file, matrices, data, python-control, a proof with its checker.",
+        ),
     ],
     precision: Annotated[Precision, typer.Option(help="Of the numbers in C.")] = Precision.double,
 ) -> Stages:

@@ -403,7 +403,7 @@ def _exported(work: Work, design: Design) -> Exported:
         law.text(spec.labels.time), spec.labels,
     )  # fmt: skip
     about, told = with_step(one, about, told, longest or 1.0)
-    return Exported(one, about, told, system.plant, design, work.check)
+    return Exported(one, about, told, system.plant, design, work.check, spec.observer)
 
 
 def report_model(work: Work, digests: Mapping[str, str]) -> Report:
