@@ -8,7 +8,7 @@ from cdobs_cli.codegen import DOUBLE
 from cdobs_cli.export.about import About
 from cdobs_cli.export.c99 import C99, tail
 from cdobs_cli.export.portable import Portable
-from cdobs_cli.export.vectors import ROOM, TOLERANCE, Vectors
+from cdobs_cli.export.vectors import Vectors, allowed
 
 KINDS = ("predict", "correct", "sample", "arrive", "asks")
 _OF_SINGLE = 1e-4  # what single precision is compared to, in parts of the size of an estimate
@@ -87,7 +87,7 @@ class _Test:
     def _tolerance(self) -> float:
         if self.real != DOUBLE:
             return _OF_SINGLE
-        return max(TOLERANCE, ROOM * (self.about.accuracy or 0.0))
+        return allowed(self.about.accuracy)
 
     def _cases(self) -> Iterator[str]:
         portable, name = self.portable, self.name

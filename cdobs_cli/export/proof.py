@@ -48,6 +48,10 @@ def proof_files(about: About, card: Family, plant: Plant, design: Design) -> dic
             f"a proof is written of certificates by {', '.join(METHODS)} of one gain; this design of family "
             f"{design.family} has certificates by {held}"
         )
+    if plant.delays:
+        raise UsageError(
+            "a proof is written of samples that are there at once; what is late is proved by `cdobs check`"
+        )
     kind, letter = _KINDS[design.family]
     if kind == "held" and plant.output_quantities:
         raise UsageError("a proof with a held innovation is written of linear outputs only")

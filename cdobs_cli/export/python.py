@@ -9,7 +9,7 @@ from cdobs_cli.exact.compiled import python_function
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.export.about import About
 from cdobs_cli.export.portable import Portable
-from cdobs_cli.export.vectors import ROOM, TOLERANCE, Vectors
+from cdobs_cli.export.vectors import Vectors, allowed
 from cdobs_cli.tableau import STAGES, TABLEAU
 
 _OF_MATH = (
@@ -325,7 +325,7 @@ def _test(portable: Portable, about: About, told: Vectors) -> str:
         start=start,
         calls="\n".join(lines),
         estimates=estimates,
-        tolerance=max(TOLERANCE, ROOM * (about.accuracy or 0.0)),
+        tolerance=allowed(about.accuracy),
     )
     head = f"# what is called, which, dt, u, y, ticket, expected estimates, expected control\nCALLS = (\n{rows})\n"
     return f"\n{head}START_AT, SCALE = {told.start!r}, {told.scale!r}\n\n{body}"

@@ -57,6 +57,11 @@ class Vectors:
     scale: tuple[float, ...]
 
 
+def allowed(accuracy: float | None) -> float:
+    """How far replayed estimates may be from the simulated ones, where that was measured as closely as this."""
+    return TOLERANCE if accuracy is None or accuracy <= TOLERANCE else ROOM * accuracy
+
+
 def held(system: HybridSystem, plan: SimulationPlan, law: SamplingLaw) -> tuple[HybridSystem, SimulationPlan]:
     """One run of the system, of so many samples at most, with inputs held from sample to sample. Where measurements
     arrive late they stay as they are at t = 0."""

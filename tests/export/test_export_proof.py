@@ -174,6 +174,15 @@ def test_what_fractions_do_not_hold_is_told(tmp_path: Path) -> None:
         proof_files(about, spec.observer, plant_of(spec, design), design)
 
 
+def test_of_late_samples_and_other_methods_no_proof_is_written() -> None:
+    SPECS["late"] = GIVEN.replace("{period: 0.6}", "{period: 0.6}\n  delay: 0.1")
+    SPECS["sampled"] = GIVEN.replace("method: clock", "method: set").replace("1.2", "1")
+    with pytest.raises(UsageError, match="at once"):
+        written("late")
+    with pytest.raises(UsageError, match="certificates by set"):
+        written("sampled")
+
+
 def test_the_command_writes_both(tmp_path: Path) -> None:
     (tmp_path / "p.yaml").write_text(GIVEN)
     assert forked(["check", "p.yaml", "--effort", "0"], tmp_path).returncode == 0
