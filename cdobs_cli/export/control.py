@@ -13,7 +13,7 @@ from cdobs_cli.sampling import SamplingLaw
 
 _SYSTEM = '''\
 
-PERIOD = {period!r}
+PERIOD = {period!r}  # where the law allows several, the longest without a loss
 INPUTS = {inputs!r}
 OUTPUTS = {outputs!r}
 STATES = {states!r}
