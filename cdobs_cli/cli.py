@@ -31,6 +31,8 @@ app = typer.Typer(
 
 Format = StrEnum("Format", "text json junit sarif github")
 Plain = StrEnum("Plain", "text json")  # of what is not about specs
+Target = StrEnum("Target", "c99 python mat json control proof")
+Precision = StrEnum("Precision", "double float")
 STAGES = ("synthesize", "check", "simulate", "report")
 Stages = tuple[str, ...]
 _INTERRUPTED = 130  # what typer makes of Ctrl-C
@@ -69,6 +71,7 @@ def _about_specs(
         own = signature(stages_of, eval_str=True).parameters
         common = signature(_common, eval_str=True).parameters
         every = [*(option for option in common.values() if option.name not in without), *own.values()]
+        every.sort(key=lambda option: option.default is not Signature.empty)  # what must be given comes first
 
         def command(paths: list[Path], output: Format, quiet: bool, no_color: bool, **settings: Any) -> None:
             from cdobs_cli.batch import Settings, carry_out
@@ -154,6 +157,21 @@ def simulate(
 def report() -> Stages:
     """Write report.md and report.html from what is there."""
     return ("report",)
+
+
+@_about_specs("export")
+def export(
+    to: Annotated[
+        Target,
+        typer.Option(
+            "--to",
+            help="What is written: C99, one Python file, matrices, data, python-control, a proof with its checker.",
+        ),
+    ],
+    precision: Annotated[Precision, typer.Option(help="Of the numbers in C.")] = Precision.double,
+) -> Stages:
+    """Write the designed observer for use elsewhere, into <out>/<stem>/export: needs a current design and check."""
+    return ("export",)
 
 
 @_about_specs("run")

@@ -1,4 +1,4 @@
-"""The stages of one spec as functions: synthesize, check, simulate, report.
+"""The stages of one spec as functions: synthesize, check, simulate, report, export.
 
 Each stage reads the artefacts before it, makes them anew where the chain is broken, and writes its own.
 A key says what a stage has read; a stage whose key stands in the stored artefact is not redone.
@@ -26,6 +26,7 @@ from cdobs_cli.synthesis import certify, initial_errors, is_design_of, new_desig
 
 if TYPE_CHECKING:
     from cdobs_cli.chart import Chart
+    from cdobs_cli.export.targets import Exported, Target
     from cdobs_cli.report.drawings import Drawings
     from cdobs_cli.report.model import Report
     from cdobs_cli.run import Run
@@ -60,6 +61,7 @@ class Work:
     check: Check | None = field(default=None, init=False)
     simulation: dict[str, Any] | None = field(default=None, init=False)
     run: Run | None = field(default=None, init=False)
+    exported: list[Path] = field(default_factory=list, init=False)
     redone: set[str] = field(default_factory=set, init=False)
 
     @cached_property
@@ -357,6 +359,53 @@ def _unusable(work: Work, name: str, what_for: str, *, is_whole: bool) -> Artefa
     if work.store.has(name) and not is_whole:
         return _damaged(work, name)
     return ArtefactError(f"{work.store.folder}: no current {name} {what_for}; run `cdobs check` first")
+
+
+def export(work: Work, target: Target, real: str) -> list[Path]:
+    """The designed observer as files for use elsewhere, below `export/`; from stored artefacts alone.
+
+    Raises:
+        ArtefactError: as `report`.
+        UsageError: there is no observer, or the target cannot express it.
+    """
+    design = take_stored(work)
+    if design.outcome == "none":
+        raise UsageError(
+            f"{work.spec.source_path}: there is no observer to export: {design.reason or 'none was found'}"
+        )
+    from cdobs_cli.export.targets import files
+
+    written = files(target, _exported(work, design), real)
+    work.exported = work.store.write_files({f"export/{name}": content for name, content in written.items()})
+    return work.exported
+
+
+def _exported(work: Work, design: Design) -> Exported:
+    """Everything that is written down, with a simulated run to compare it with where the spec has one."""
+    from cdobs_cli.export.about import About
+    from cdobs_cli.export.portable import portable
+    from cdobs_cli.export.step import with_step
+    from cdobs_cli.export.targets import Exported
+    from cdobs_cli.export.vectors import held, vectors
+    from cdobs_cli.report.verdict import words
+    from cdobs_cli.simulate.engine import simulate as run_of
+
+    assert work.check is not None
+    spec, report, system = work.spec, report_model(work, {}), system_of(work.spec, design)
+    law, told, longest = design.sampling, None, float(design.sampling.T_max)
+    one = portable(work.store.folder.name, system.plant, system.observer, design, system.original)
+    if spec.simulation is not None:
+        asked = held(system, spec.simulation, law)
+        seen = run_of(*asked, law).trajectories[0]
+        told = vectors(one, asked[1], seen, system.plant.n)
+        longest = longest or max((call.dt for call in told.calls), default=0.0)
+    digests = (("design", design.digests[CONTENT]), ("check", work.check.digests[CONTENT]))
+    about = About(
+        readable(spec.title), readable(spec.source_path.name), work.check.verdict, words(report), digests,
+        law.text(spec.labels.time), spec.labels,
+    )  # fmt: skip
+    about, told = with_step(one, about, told, longest or 1.0)
+    return Exported(one, about, told, system.plant, design, work.check, spec.observer)
 
 
 def report_model(work: Work, digests: Mapping[str, str]) -> Report:

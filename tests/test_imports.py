@@ -46,6 +46,7 @@ def contracts(folder: Path) -> subprocess.CompletedProcess[str]:
         ("bounds/region.py", "import cdobs_cli.certify.definite", "Imports run one way"),
         ("exact/numbers.py", "import cdobs_cli.plant", "Imports run one way"),
         ("simulate/engine.py", "import cdobs_cli.report.text", "Imports run one way"),
+        ("export/c99.py", "import cdobs_cli.simulate.engine", "Imports run one way"),
         ("pipeline.py", "import matplotlib", "Only report/figures.py draws"),
         ("certify/methods/base.py", "import cdobs_cli.certify.judge", "Methods know no objective and no verdict"),
         ("certify/methods/spectral.py", "import clarabel", "Only certify/lmi.py asks the solver"),

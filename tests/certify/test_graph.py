@@ -382,7 +382,7 @@ def test_sensors_with_losses_run(tmp_path: Path) -> None:
     (("period: 0.25", "min_period: 0.1, max_period: 0.25"), "offset: goes with sensors that all have a period"),
     (("period: 0.25", "min_period: 0.1, max_period: 0.25, offset: 0"), "offset: goes with a period"),
     (("at_most: 3", "probability: 0.3"), "the losses in a row are taken"),
-    (("at_most: 3", "at_most: 21"), "less than or equal to 20"),
+    (("at_most: 3", "at_most: 21"), "at most 20 is expected"),
     (("period: 0.25", "max_period: 0.25"), "min_period: is required"),
     (("period: 0.25", "period: 0.25, max_period: 0.3, min_period: 0.1"), "does not go with"),
     (("period: 0.25", "min_period: 0.3, max_period: 0.25"), "min_period is above max_period"),
