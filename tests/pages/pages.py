@@ -60,6 +60,8 @@ def pages() -> dict[str, Path]:
     for path in (*(SPECS / f"{name}.yaml" for name in KINDS), HERE / "unseen_angle.yaml"):
         shutil.copy(path, specs)
     results = OUT / "results"
+    for page in results.glob("*/report.html"):  # of another version of the pages, perhaps
+        page.unlink()
     subprocess.run(
         [sys.executable, "-m", "cdobs_cli", "run", str(specs), "--out", str(results)], check=False, capture_output=True
     )
