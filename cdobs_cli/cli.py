@@ -145,7 +145,7 @@ def check() -> Stages:
 @_about_specs("simulate")
 def simulate(
     witness: Annotated[
-        str | None, typer.Option(metavar="ID", help="Run the counterexample of this claim instead.")
+        str | None, typer.Option(metavar="ID", help="Run the counterexample of this claim instead, or of period_max.")
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on where a killed simulation of many runs was.")] = False,
 ) -> Stages:

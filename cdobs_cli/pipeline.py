@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from cdobs_cli import __version__
-from cdobs_cli.certificate import Check
+from cdobs_cli.certificate import Check, Witness
 from cdobs_cli.choice import chosen_design
 from cdobs_cli.design import Design
 from cdobs_cli.errors import ArtefactError, CdobsError, UsageError
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 PARTS = "simulation.parts"  # the folder of what is there of a simulation of many runs that is not through
 ARCHIVE = "archive"  # the entry of `digests` for the trajectories beside a summary
+_PERIOD_MAX = "period_max"  # whose refuted end has a counterexample of its own law
 _FIGURE_OF_RUN = "figures/states.svg"
 
 
@@ -273,16 +274,22 @@ def _stored_check(work: Work, design: Design) -> Check | None:
 
 
 def replay(work: Work, identifier: str) -> dict[str, Any]:
-    """Run the counterexample of a claim; `witness_<claim>_run.json`, its archive and its figure.
+    """Run the counterexample of a claim, or of the refuted end of `period_max`; `witness_<claim>_run.json`, its archive
+    and its figure.
 
     Raises:
         UsageError: there is no such claim, or it has no counterexample that can be run.
     """
-    proved = check(work)
-    claim = proved.claim(identifier)
-    if claim is None or claim.witness is None:
-        told = ", ".join(one.id for one in proved.claims if one.witness is not None) or "none"
+    proved, design = check(work), synthesize(work)
+    known = {one.id: (one.witness, design.sampling) for one in proved.claims if one.witness is not None}
+    end = proved.bounds.get(_PERIOD_MAX)
+    beyond = None if end is None else design.counterexample(end.refuted)
+    if beyond is not None:
+        known[_PERIOD_MAX] = Witness.from_document(beyond.data["witness"]), beyond.sampling
+    if identifier not in known:
+        told = ", ".join(known) or "none"
         raise UsageError(f"{work.spec.source_path}: no counterexample to {identifier!r}; claims that have one: {told}")
+    witness, law = known[identifier]
     from cdobs_cli.report.replays import attained_chart, crossing_chart, replay_chart
     from cdobs_cli.report.witnesses import witness_name
     from cdobs_cli.simulate.archive import packed
@@ -291,17 +298,17 @@ def replay(work: Work, identifier: str) -> dict[str, Any]:
     from cdobs_cli.simulate.witness import Replay
     from cdobs_cli.simulate.witness import replay as run_witness
 
-    design, observer = synthesize(work), work.spec.observer
-    name, plant = f"{witness_name(claim)}_run", plant_of(work.spec, design)
+    observer, name = work.spec.observer, f"{witness_name(identifier)}_run"
+    plant = replace(plant_of(work.spec, design), sampling=law)
     again: Replay | BoxReplay | AttainedReplay
-    if claim.witness.kind == "box":
-        again = replay_box(HybridSystem(plant, observer.observer(plant, design)), design.sampling, claim.witness)
+    if witness.kind == "box":
+        again = replay_box(HybridSystem(plant, observer.observer(plant, design)), design.sampling, witness)
         chart = crossing_chart(name, identifier, plant.states, again.arrays())
-    elif claim.witness.kind == "noise":
-        again = replay_attained(observer.inclusion(plant, design.gain), claim.witness)
+    elif witness.kind == "noise":
+        again = replay_attained(observer.inclusion(plant, design.gain), witness)
         chart = attained_chart(name, identifier, plant.states[again.state], again.state, again.arrays(), again.entries)
     else:
-        again = run_witness(observer.inclusion(plant, design.gain), claim.witness)
+        again = run_witness(observer.inclusion(plant, design.gain), witness)
         chart = replay_chart(name, identifier, again.arrays(), again.entries)
     archive = packed(again.arrays())
     axes = {label: state for state in plant.states for label in (state, f"error of {state}")}

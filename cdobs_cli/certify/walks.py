@@ -18,7 +18,6 @@ from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.sensors import Phase, Sensor, is_bounded, phases
 
 Steps = tuple[tuple[Fraction, Edge], ...]
-_MOST_STEPS = 8
 _MOST_WALKS = 120
 _COUNTS, _OFFSETS = (1, 2, 3, 4, 5, 6), (Fraction(1, 2), Fraction(1, 8))
 
@@ -60,15 +59,14 @@ def _is_run(timed: Graph, steps: Steps, sensors: Sequence[Sensor]) -> bool:
 
 
 def _closed(graph: Graph) -> Iterator[tuple[Edge, ...]]:
-    """Ways of few steps that come back to their first node, through no node twice; each once."""
-    longest = max(_MOST_STEPS, len(graph.nodes) if len(graph.edges) == len(graph.nodes) else 0)
+    """Ways that come back to their first node, through no node twice; each once, those of few steps first."""
     ways: list[tuple[Edge, ...]] = [(edge,) for edge in graph.edges]
     while ways:
         yield from (way for way in ways if way[-1].target == way[0].source)
         ways = [
             (*way, edge)
             for way in ways[: 20 * _MOST_WALKS]
-            if len(way) < longest and way[-1].target != way[0].source
+            if way[-1].target != way[0].source
             for edge in graph.leaving(way[-1].target)
             if edge.target not in {one.source for one in way[1:]} and edge.target >= way[0].source
         ]

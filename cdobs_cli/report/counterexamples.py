@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from fractions import Fraction
 
 from cdobs_cli.certificate import Witness
+from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.plant import Plant, Quantity
 from cdobs_cli.report.numbers import end_text, float_or_none, number_text
 from cdobs_cli.sampling import SamplingLaw
@@ -134,8 +135,6 @@ def _whom(witness: Witness) -> str:
 
 
 def _number(text: str) -> float:
-    from cdobs_cli.exact.numbers import Exact
-
     return float(Exact(text))
 
 
@@ -144,6 +143,4 @@ def _rounded(value: float) -> str:
 
 
 def _short(text: str) -> str:
-    from cdobs_cli.exact.numbers import Exact
-
     return text if len(text) <= 8 else number_text(float(Exact(text)), 5)

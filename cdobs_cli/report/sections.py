@@ -254,7 +254,7 @@ _FIGURES = {
 def _figure_of(claim: Claim, drawn: set[str]) -> str:
     """The chart's name, empty where there is none."""
     begins = next((names for begin, names in _FIGURES.items() if claim.id.startswith(begin)), ())
-    return next((name for name in (witness_name(claim), *begins) if name in drawn), "")
+    return next((name for name in (witness_name(claim.id), *begins) if name in drawn), "")
 
 
 _GROUPS = {
@@ -303,7 +303,7 @@ def _witnesses(report: Report) -> Section:
             if claim.witness.kind != "noise":  # that is a word of hundreds of numbers, for `simulate --witness`
                 blocks += _arcs(claim.witness, report)
                 blocks += _data(claim.witness)
-            blocks += [Picture(chart) for chart in report.charts if chart.name == witness_name(claim)]
+            blocks += [Picture(chart) for chart in report.charts if chart.name == witness_name(claim.id)]
             if claim.witness.kind in ("constant", "switching", "box", "noise"):
                 blocks.append(Listing((f"cdobs simulate {quote(report.spec_path)} --witness {claim.id}",)))
     return Section("Counterexamples", tuple(blocks))
@@ -408,7 +408,10 @@ def _exhibits(report: Report) -> Section:
     if front is not None:
         blocks.append(_table(report.labels.table(front)))
     blocks += [_table(table) for table in report.exhibits.tables]
-    elsewhere = {*_SIMULATION_CHARTS, *(witness_name(claim) for claim in (report.check.claims if report.check else ()))}
+    elsewhere = {
+        *_SIMULATION_CHARTS,
+        *(witness_name(claim.id) for claim in (report.check.claims if report.check else ())),
+    }
     shown = [chart for chart in report.charts if not isinstance(chart, Ladder) and chart.name not in elsewhere]
     return Section("Details of the design", (*blocks, *(Picture(chart) for chart in shown)))
 

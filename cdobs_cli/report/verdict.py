@@ -19,7 +19,7 @@ _SETTLED = 100.0  # an error that has fallen to a hundredth counts as gone
 _STATES = 4  # whose errors a sentence tells
 _DIGITS = 4
 # Of the headline's bounds those whose period is that of the sampling law.
-_PERIODS = {"period_max": "the gain", "period_max_any_gain": "some gain", "guaranteed_period": "the observer"}
+_PERIODS = ("period_max", "period_max_any_gain", "guaranteed_period")
 
 
 def words(report: Report) -> tuple[str, ...]:
@@ -136,7 +136,7 @@ def _reach(report: Report) -> str:
     if law.has_sensors:
         which = "With all periods in proportion, the shortest of them is proved up to"
     if bound.proved is None:
-        told = f"No period is proved; from {duration(refuted, unit)} on {_fails(name, bound)}"
+        told = f"No period is proved; from {duration(refuted, unit)} on {_fails(report, name, bound)}"
         return f"{told}." if bound.refuted is not None else ""
     if proved == "∞":
         return "No period is too long: the error decays by itself between samples."
@@ -145,13 +145,14 @@ def _reach(report: Report) -> str:
         return f"At least {duration(proved, unit)} pass from one sample to the next."
     if bound.refuted is None:
         return f"{reach}; none is known for which it fails."
-    return f"{reach}; at {duration(refuted, unit)} {_fails(name, bound)}."
+    return f"{reach}; at {duration(refuted, unit)} {_fails(report, name, bound)}."
 
 
-def _fails(name: str, bound: Bound) -> str:
+def _fails(report: Report, name: str, bound: Bound) -> str:
     if name == "period_max_any_gain":
         return "every gain fails"
-    return "it fails (a counterexample can be replayed)"
+    replayed = name == "period_max" and report.design.counterexample(bound.refuted) is not None
+    return f"it fails{' (a counterexample can be replayed)' if replayed else ''}"
 
 
 def _accuracy(report: Report) -> str:

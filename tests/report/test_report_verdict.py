@@ -7,9 +7,10 @@ from fractions import Fraction
 from pathlib import Path
 
 import pytest
-from command import made
+from command import Job, made, run
 from report_pendulum import make_check, make_design, make_report
 
+from cdobs_cli.batch import Settings
 from cdobs_cli.certificate import Bound
 from cdobs_cli.design import Design
 from cdobs_cli.exact.numbers import Exact
@@ -62,7 +63,7 @@ def test_nothing_refuted_and_nothing_proved() -> None:
     (told,) = [one for one in words(make_report(check=with_period(Bound("2", None, unit="s")))) if " proved is " in one]
     assert told.endswith("proved is 2 s; none is known for which it fails.")
     (told,) = [one for one in words(make_report(check=with_period(Bound(None, "2", unit="s")))) if "No period" in one]
-    assert told == "No period is proved; from 2 s on it fails (a counterexample can be replayed)."
+    assert told == "No period is proved; from 2 s on it fails."
 
 
 def test_without_a_design_the_reason_is_the_verdict() -> None:
@@ -108,3 +109,30 @@ def test_a_refutation_that_is_expected_is_told_so(tmp_path: Path) -> None:
 def test_expected_is_only_what_was_expected() -> None:
     report = make_report(check=make_check())
     assert not is_expected(report) and verdict_text(report) == report.verdict
+
+
+GIVEN = """\
+spec_version: 1
+plant: {states: [x1, x2], A: [[0, 1], [0, 0]], phi: ["0", "sin(x1)"], lipschitz: [[0, 0], [1, 0]]}
+measurement: {C: [[1, 0]], sampling: {period: 0.5}}
+observer: {family: reachability, gain: {K: [[1], [1.8361]]}}
+"""
+
+
+def test_the_end_that_fails_is_replayed_where_it_is_said_so(tmp_path: Path) -> None:
+    """Between samples just above the exact limit of this gain, 0.96043, some error no longer decays."""
+    found = made(tmp_path, GIVEN, ("synthesize", "check"), effort=1)
+    assert found.check is not None
+    assert "; at 0.9604286 s it fails (a counterexample can be replayed)." in found.summary[2]
+    job, settings = Job(tmp_path / "s.yaml", tmp_path / "out"), Settings(out=tmp_path, effort=1, witness="period_max")
+    again = run(job, ("replay",), settings)
+    assert again.simulation is not None and again.simulation["claim"] == "period_max"
+    assert 1 - 1e-9 <= again.simulation["multiplier_measured"] < 1.001
+    lost = run(job, ("replay",), replace(settings, witness="nothing"))
+    assert lost.status == "invalid" and "claims that have one: " in lost.messages[0].text
+    assert "period_max" in lost.messages[0].text
+
+
+def test_an_end_without_a_word_of_its_own_promises_none() -> None:
+    (told,) = [one for one in words(make_report(check=make_check())) if "it fails" in one]
+    assert told.endswith("it fails.")

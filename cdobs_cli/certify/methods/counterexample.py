@@ -12,6 +12,7 @@ from cdobs_cli.certify.adversary import attained, attains
 from cdobs_cli.certify.bracket import smallest_refuted
 from cdobs_cli.certify.falsify import refute, refutes
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
+from cdobs_cli.design import COUNTEREXAMPLE
 from cdobs_cli.exact.numbers import Exact
 
 
@@ -24,7 +25,7 @@ class Counterexample(Method):
 
     witness: dict[str, Any]
 
-    name: ClassVar[str] = "counterexample"
+    name: ClassVar[str] = COUNTEREXAMPLE
     rung: ClassVar[str] = "counterexample"
     source: ClassVar[str] = "spectral radius of a word of slopes and periods"
     how: ClassVar[str] = "monodromy matrix in balls"
