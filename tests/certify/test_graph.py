@@ -16,13 +16,14 @@ from example_inclusions import canonical, impulsive, plant
 from scipy.linalg import expm
 
 from cdobs_cli.certificate import Witness
-from cdobs_cli.certify.falsify import Word, prove, refute, refutes
+from cdobs_cli.certify.falsify import refute
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.graph import ClockGraph
 from cdobs_cli.certify.methods.clock.graph_design import GraphGain, design_graph
 from cdobs_cli.certify.methods.clock.graph_size import GraphPeak, sums
 from cdobs_cli.certify.methods.counterexample import Counterexample
 from cdobs_cli.certify.walks import walks
+from cdobs_cli.certify.words import Word, prove, refutes
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.graph import MAX_NODES, graph
 from cdobs_cli.hybrid import corrected_copy_noise
