@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from flint import arb
 
@@ -35,9 +35,6 @@ from cdobs_cli.exact.rational import simplify
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
 from cdobs_cli.plant import Quantity
 from cdobs_cli.sampling import SamplingLaw
-
-if TYPE_CHECKING:
-    pass
 
 M_ = TypeVar("M_")
 
