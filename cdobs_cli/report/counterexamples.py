@@ -129,6 +129,8 @@ def _growth(witness: Witness) -> str:
 
 
 def _whom(witness: Witness) -> str:
+    if witness.about == "class" and witness.kind == "noise":
+        return "Some plant with these slopes does so; the typed one may stay below."
     if witness.about == "class":
         return "Some plant with these slopes does so; the typed one may still converge."
     return "The plant as typed does so."

@@ -24,6 +24,7 @@ def plant_alone(plant: Plant, plan: SimulationPlan) -> Run | None:
         law = SamplingLaw.periodic(plan.horizon)
         plan = replace(plan, sampling_times=None)
     try:
-        return simulate(HybridSystem(replace(plant, sampling=law), NO_OBSERVER), replace(plan, runs=1), law)
+        alone = replace(plant, sampling=law, delays=())  # nobody waits for what is late
+        return simulate(HybridSystem(alone, NO_OBSERVER), replace(plan, runs=1), law)
     except SpecError:
         return None
