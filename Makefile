@@ -1,6 +1,8 @@
 # `make demo`: install into .venv and run the shipped specs to reports and figures.
 # `make test`: style, types, import contracts, tests.
+# `make docs`: the site, links checked, into build/docs.
 # `make bench`: a table of what commands and methods take. `make growth`: a figure of how it grows.
+# `make pages`: pictures of every kind of page, and what html-validate and axe say of them.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -12,7 +14,7 @@ export OMP_NUM_THREADS := 1
 export RAYON_NUM_THREADS := 1
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test lint bench growth lowest clean
+.PHONY: demo test lint docs bench growth pages lowest clean
 
 demo: $(VENV)/installed
 	$(BIN)/cdobs run specs --out results --jobs $(JOBS)
@@ -27,12 +29,20 @@ lint: $(VENV)/installed-dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-cache
 
+docs: $(VENV)/installed-docs
+	$(BIN)/python docs/build.py build/docs
+	@echo "Open build/docs/index.html."
+
 bench: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/table.py
 
 # How CPU and memory grow with states, corners and runs: build/growth.csv and build/growth.svg.
 growth: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/growth.py
+
+# Every kind of page at two widths, light, dark and in print: build/pages/pictures. Not a part of `make test`.
+pages: $(VENV)/installed-dev
+	$(BIN)/python tests/pages/pages.py
 
 # The lowest versions that pyproject.toml allows.
 lowest:
@@ -52,6 +62,10 @@ $(VENV)/installed-dev: requirements.lock requirements-dev.lock pyproject.toml | 
 	$(BIN)/python -m pip install --quiet --requirement requirements.lock --requirement requirements-dev.lock
 	$(BIN)/python -m pip install --quiet --no-deps --editable .
 	@touch $@ $(VENV)/installed
+
+$(VENV)/installed-docs: requirements-docs.lock $(VENV)/installed-dev
+	$(BIN)/python -m pip install --quiet --requirement requirements.lock --requirement requirements-dev.lock --requirement requirements-docs.lock
+	@touch $@
 
 clean:
 	rm -rf $(VENV) .lowest results build *.egg-info .mypy_cache .ruff_cache .pytest_cache

@@ -21,6 +21,7 @@ from cdobs_cli.progress import stage, watched
 
 if TYPE_CHECKING:
     from cdobs_cli.console import Console, Follow
+    from cdobs_cli.export.targets import Target
     from cdobs_cli.pipeline import Work
     from cdobs_cli.report.index import IndexEntry
     from cdobs_cli.report.model import Report
@@ -48,6 +49,8 @@ class Settings:
     witness: str | None = None
     no_report: bool = False
     resume: bool = False
+    to: Target = "c99"
+    precision: str = "double"
     workers: int = 1
     followed: bool = False
     executor: str | None = None
@@ -139,13 +142,14 @@ def _run(job: Job, stages: tuple[str, ...], settings: Settings, tell: Tell | Non
     work = pipeline.Work(spec, store, settings.effort, forced, draws=not settings.no_report)
     work.workers, work.resumes = settings.workers, settings.resume
     limit = settings.time_limit
+    further = {"replay": (settings.witness,), "export": (settings.to, settings.precision)}
     try:
         with watched(tell if settings.followed else None, None if limit is None else limit * _FOR_SEARCHES) as watch:
             for number, name in enumerate(stages, start=1):
                 if tell is not None and limit is not None:
                     tell(_known(work, job, stages[: number - 1], settings, stages[number - 1 :]))
                 with stage(name):  # they are the functions of their names
-                    getattr(pipeline, name)(work, *((settings.witness,) if name == "replay" else ()))
+                    getattr(pipeline, name)(work, *further.get(name, ()))
     except SpecError as error:  # what only a run can see, e.g. a signal that leaves its interval
         raise SpecError(tuple(_placed(problem, spec) for problem in error.problems)) from error
     return replace(_known(work, job, stages, settings), stages=watch.stages)
@@ -161,10 +165,11 @@ def _known(work: Work, job: Job, stages: tuple[str, ...], settings: Settings, wa
     documents, report = pipeline.documents(work), pipeline.report_model(work, {})
     seen = _seen_by(stages, documents)
     messages = tuple(findings.find(work.spec, documents, seen))
+    lines = (*summary_lines(report), *(f"  written: {readable(str(path))}" for path in work.exported))
     expected = tuple(Problem(one.expectation.field, "").path for one in findings.decided(work.spec, documents, seen))
     return Result(
         str(job.spec), judged(messages), messages, documents["design"], documents["check"], documents["simulation"],
-        headline(report), tuple(summary_lines(report)), expected,
+        headline(report), lines, expected,
         _row(report, job, settings) if "report" in stages else None, waiting=waiting,
     )  # fmt: skip
 
@@ -192,7 +197,10 @@ def _placed(problem: Problem, spec: Spec) -> Problem:
 
 
 def _seen_by(stages: tuple[str, ...], documents: Mapping[str, object]) -> frozenset[str]:
-    """The stages whose findings count: a report tells what is there of the check and the simulation."""
+    """The stages whose findings count: a report tells what is there of the check and the simulation, an export of the
+    check."""
+    if stages == ("export",):
+        return frozenset({"export", "check"})
     shown = {"check", *(("simulate",) if documents["simulation"] is not None else ())} if stages == ("report",) else ()
     return frozenset({*stages, *shown})
 

@@ -48,12 +48,14 @@ class Panel:
 
 @dataclass(frozen=True)
 class Chart:
-    """One figure, panels from top to bottom with a shared x axis. `name` is its file name."""
+    """One figure, panels from top to bottom with a shared x axis. `name` is its file name. stretch: up to there, from 0
+    on, the axis has a larger scale, for what happens early."""
 
     name: str
     title: str
     caption: str
     panels: tuple[Panel, ...]
+    stretch: float | None = None
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,8 @@ app = typer.Typer(
 
 Format = StrEnum("Format", "text json junit sarif github")
 Plain = StrEnum("Plain", "text json")  # of what is not about specs
+Target = StrEnum("Target", "c99 python mat json control proof")
+Precision = StrEnum("Precision", "double float")
 STAGES = ("synthesize", "check", "simulate", "report")
 Stages = tuple[str, ...]
 _INTERRUPTED = 130  # what typer makes of Ctrl-C
@@ -80,6 +82,7 @@ def _about_specs(
         own = signature(stages_of, eval_str=True).parameters
         common = signature(_common, eval_str=True).parameters
         every = [*(option for option in common.values() if option.name not in without), *own.values()]
+        every.sort(key=lambda option: option.default is not Signature.empty)  # what must be given comes first
 
         def command(paths: list[Path], output: Format, quiet: bool, no_color: bool, **settings: Any) -> None:
             from cdobs_cli.batch import Settings, carry_out
@@ -122,7 +125,10 @@ def init(
         Path | None, typer.Option("-o", "--out", metavar="FILE", help="Write here instead of stdout.")
     ] = None,
 ) -> None:
-    """Print a commented spec that runs as it is: of a family, or the shortest that leaves the family open."""
+    """Print a commented spec that runs as it is: of a family, or the shortest that leaves the family open.
+
+    With -o it is written, and beside it the JSON Schema by which editors check it.
+    """
     from cdobs_cli.scaffold import example, write_new
 
     text = example(family)
@@ -150,7 +156,7 @@ def check() -> Stages:
 @_about_specs("simulate")
 def simulate(
     witness: Annotated[
-        str | None, typer.Option(metavar="ID", help="Run the counterexample of this claim instead.")
+        str | None, typer.Option(metavar="ID", help="Run the counterexample of this claim instead, or of period_max.")
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on where a killed simulation of many runs was.")] = False,
 ) -> Stages:
@@ -162,6 +168,21 @@ def simulate(
 def report() -> Stages:
     """Write report.md and report.html from what is there."""
     return ("report",)
+
+
+@_about_specs("export")
+def export(
+    to: Annotated[
+        Target,
+        typer.Option(
+            "--to",
+            help="What is written: C99, one Python file, matrices, data, python-control, a proof with its checker.",
+        ),
+    ],
+    precision: Annotated[Precision, typer.Option(help="Of the numbers in C.")] = Precision.double,
+) -> Stages:
+    """Write the designed observer for use elsewhere, into <out>/<stem>/export: needs a current design and check."""
+    return ("export",)
 
 
 @_about_specs("run")
@@ -275,13 +296,15 @@ def explain(
 
 
 @app.command()
-def schema() -> None:
+def schema(
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", metavar="FILE", help="Write here instead of stdout.")
+    ] = None,
+) -> None:
     """Print the JSON Schema of a spec, for YAML editors."""
-    import json
+    from cdobs_cli.scaffold import schema_text, write_schema
 
-    from cdobs_cli.spec.schema import json_schema
-
-    say(json.dumps(json_schema(), indent=2))
+    say(schema_text()) if out is None else write_schema(out)
 
 
 @app.command()

@@ -13,6 +13,8 @@ from cdobs_cli.plant import Box
 from cdobs_cli.sampling import SamplingLaw
 
 Outcome = Literal["found", "given", "short", "none"]
+COUNTEREXAMPLE = "counterexample"  # the method whose certificates hold a word that can be run
+_NEAR = 1e-8  # relative: how far the end of a bracket is rounded
 CHOICE = "choice"  # the entry of `details` for the families that were tried
 Way = Literal["everywhere", "margin", "continuation", "cut", "open"]
 
@@ -98,6 +100,15 @@ class Design(Artefact):
     front: tuple[FrontPoint, ...] = ()
     cut: bool = field(default=False, metadata={OPTIONAL: True})
     digests: Mapping[str, str] = field(default_factory=dict)
+
+    def counterexample(self, period: str | None) -> Certificate | None:
+        """The stored counterexample of the law with its period replaced by this one, the refuted end of a bracket,
+        rounded up; None where it was refuted otherwise."""
+        if period is None:
+            return None
+        end = float(period)
+        stored = (one for one in self.certificates if one.method == COUNTEREXAMPLE and not one.sampling.is_random)
+        return next((one for one in stored if end * (1 - _NEAR) <= float(one.sampling.period) <= end), None)
 
     @property
     def choice(self) -> list[Mapping[str, Any]]:

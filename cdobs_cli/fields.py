@@ -31,8 +31,10 @@ from cdobs_cli.exact.expression import Call, Expression, ExpressionError, Number
 from cdobs_cli.exact.language import LANGUAGE
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.parser import CONSTANTS, TYPED_FUNCTIONS, parse
+from cdobs_cli.exact.units import plain_number
 
 MAX_ROWS = 256
+LONGEST_SHOWN = 60  # characters of entries that are shown in the shape they should have
 MAX_TREE = 20_000
 MAX_TREE_DEPTH = 400
 LARGEST = Fraction(10) ** 100
@@ -102,11 +104,13 @@ def read_expression(
         return bounded(parse(text, frozenset(names), known, functions))
     except ExpressionError as error:
         place = f" (at character {error.offset + 1})" if error.offset else ""
-        raise wrong(f"{error}{place}") from None
+        raise wrong(f"{error}{place}", error.hint) from None
 
 
-def read_exact(value: Any, parameters: Mapping[str, Expression] | None = None) -> Exact:
+def read_exact(value: Any, parameters: Mapping[str, Expression] | None = None, time_unit: str = "s") -> Exact:
     """An exact number from what a YAML reader or a caller gives; a float stands for its shortest decimal.
+
+    time_unit: what a number with a unit of time is shown in, where it is refused.
 
     Raises:
         PydanticCustomError: not a finite number or constant expression.
@@ -118,6 +122,8 @@ def read_exact(value: Any, parameters: Mapping[str, Expression] | None = None) -
     if isinstance(value, bool) or not isinstance(value, int | str | Fraction | Expression):
         raise wrong("a number is expected")
     if isinstance(value, str):
+        if (plain := plain_number(value, time_unit, {*CONSTANTS, *(parameters or ())})) is not None:
+            raise wrong("a number without a unit is expected", plain)
         return Exact(read_expression(value, (), parameters or {}))
     try:
         return Exact(bounded(value if isinstance(value, Expression) else Number(value)))
@@ -126,7 +132,7 @@ def read_exact(value: Any, parameters: Mapping[str, Expression] | None = None) -
 
 
 def _read_number(value: Any, info: ValidationInfo) -> Exact:
-    return read_exact(value, context(info, "parameters"))
+    return read_exact(value, context(info, "parameters"), context(info, "time_unit") or "s")
 
 
 def _signed(what: str, *signs: int) -> AfterValidator:
@@ -181,8 +187,33 @@ def _rows(value: Any) -> Any:
     return value.rows if isinstance(value, ExactMatrix) else value
 
 
+def rows_of(value: Any, info: ValidationInfo) -> Any:
+    """A number, or a list of numbers, in place of a matrix is refused, and shown as one."""
+    if isinstance(value, bool) or not isinstance(value, int | str | list) or value == []:
+        return value
+    listed = value if isinstance(value, list) else [value]
+    if any(isinstance(one, list | tuple | dict | Exact) for one in listed):
+        return value
+    name, told = info.field_name or "", as_rows(info.field_name or "", listed)
+    raise wrong("a matrix is expected: a list of rows, each a list", f"write {name}: {told}" if name and told else None)
+
+
+def as_rows(name: str, listed: list[Any]) -> str | None:
+    """Numbers as one row, or as the column or the diagonal that a matrix of this name is; None of many."""
+    entries = ["0" if one is None else str(one) for one in listed]
+    if sum(map(len, entries)) > LONGEST_SHOWN:
+        return None
+    if name in ("covariance", "intensity"):
+        rows = [["0"] * k + [one] + ["0"] * (len(entries) - k - 1) for k, one in enumerate(entries)]
+    else:
+        rows = [[one] for one in entries] if name in ("K", "L", "B") else [entries]
+    return f"[{', '.join('[' + ', '.join(row) + ']' for row in rows)}]"
+
+
 _Table = Annotated[tuple[Vector, ...], sized(1, MAX_ROWS)]
-Rows = Annotated[ExactMatrix, Through(_Table, _matrix, _rows), PlainSerializer(ExactMatrix.texts)]
+Rows = Annotated[
+    ExactMatrix, Through(_Table, _matrix, _rows), PlainSerializer(ExactMatrix.texts), BeforeValidator(rows_of)
+]
 """A matrix of exact numbers: a list of rows of one length."""
 
 
@@ -211,9 +242,23 @@ def formula(*names: str, functions: Mapping[str, tuple[int, ...]] = TYPED_FUNCTI
                 # Made in code, outside a spec: any name is taken.
                 allowed.update(set(NAME.findall(text)) - {*functions, *CONSTANTS})
         known = {name: value for name, value in (context(info, "parameters") or {}).items() if name not in allowed}
-        return read_expression(text, allowed, known, functions)
+        try:
+            return read_expression(text, allowed, known, functions)
+        except PydanticCustomError as error:
+            raise _with_states(error, allowed, info) from None
 
     return _Formula(read)
+
+
+def _with_states(error: PydanticCustomError, allowed: set[str], info: ValidationInfo) -> PydanticCustomError:
+    """Of a state in other coordinates than those of the expression: what the states are called there."""
+    told = (error.context or {}).get("what", "")
+    named = {key: set(context(info, key) or ()) for key in ("states", "coordinates")}
+    others = set().union(*named.values()) - allowed
+    here = next((names for names in named.values() if names and names <= allowed), None)
+    if here is None or not any(told.startswith(f"unknown name {name!r}") for name in others):
+        return error
+    return wrong(told, f"in this expression the states are {', '.join(sorted(here))}")
 
 
 class _Formula:

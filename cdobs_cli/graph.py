@@ -9,12 +9,12 @@ period.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property
 from itertools import combinations, pairwise, product
-from math import prod
+from math import gcd, prod
 
 from cdobs_cli.sensors import Reading, Sensor, is_bounded, phases
 
@@ -117,28 +117,46 @@ class Graph:
         return node == first
 
     def _settles(self, clocks: Sequence[Fraction], readings: Sequence[int | None], sensors: Sequence[Sensor]) -> bool:
-        """Every sensor keeps its law from one of its samples to the next, and each step takes the first edge that the
-        ages allow."""
+        """Every sensor keeps its law from one of its samples to the next, those that keep a step have a common time 0,
+        and each step takes the first edge that the ages allow."""
         edges = [self._by_reading.get(reading) for reading in readings]
         chosen = [edge for edge in edges if edge is not None and edge.reading is not None]
         if len(chosen) < len(clocks) or any(clock < 0 for clock in clocks):
             return False
         read = [self.readings[edge.reading].sensors[0].name for edge in chosen if edge.reading is not None]
         names, total = [sensor.name for sensor in sensors], sum(clocks, Fraction(0))
-        ages = dict.fromkeys(names, total)
+        ages, at, now = dict.fromkeys(names, total), dict[str, Fraction](), Fraction(0)
         for turn in range(2):
             for k, (clock, edge) in enumerate(zip(clocks, chosen, strict=True)):
-                ages = {name: age + clock for name, age in ages.items()}
+                ages, now = {name: age + clock for name, age in ages.items()}, now + clock
                 sensor = next(one for one in sensors if one.name == read[k])
-                if turn and not (sensor.least or sensor.every) <= ages[sensor.name] <= sensor.every:
+                if turn and not _is_due(sensor, ages[sensor.name]):
                     return False
-                ages[sensor.name] = Fraction(0)
+                ages[sensor.name], at[sensor.name] = Fraction(0), now
                 known = [ages[name] for name in names]
                 if turn and (
                     edge.source != chosen[k - 1].target or self.next(edge.source, clock, [read[k]], known) != edge
                 ):
                     return False
-        return set(read) == set(names)
+        return set(read) == set(names) and _have_begun(sensors, at)
+
+
+def _is_due(sensor: Sensor, age: Fraction) -> bool:
+    """Whether it may be read so long after the time before."""
+    in_step = sensor.step is None or age % sensor.step == 0
+    return in_step and (sensor.least or sensor.every) <= age <= sensor.every
+
+
+def _have_begun(sensors: Sequence[Sensor], at: Mapping[str, Fraction]) -> bool:
+    """Whether sensors that are read at these times can all have had the age 0 at one time before: those that keep a
+    step are a multiple of it from there. Pairs are enough (Chinese remainders)."""
+    steps = [(at[one.name], one.step) for one in sensors if one.step is not None]
+    return all((a - b) % _common(p, q) == 0 for (a, p), (b, q) in combinations(steps, 2))
+
+
+def _common(a: Fraction, b: Fraction) -> Fraction:
+    """The largest of which both are multiples."""
+    return Fraction(gcd(a.numerator * b.denominator, b.numerator * a.denominator), a.denominator * b.denominator)
 
 
 @dataclass

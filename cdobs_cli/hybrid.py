@@ -414,7 +414,8 @@ class HybridSystem:
 
     @property
     def jumps(self) -> tuple[tuple[Expression, ...], ...]:
-        """All states after a sample, over states, `y.0`, .. and `elapsed`: the plant's do not jump. One for every
-        sample, or those of samples in turn."""
+        """All states after a sample, over states, `y.0`, .. and `elapsed`: the plant's do not jump. Of each reading of
+        the sampling law its own, where the observer has one for all of them the same."""
         kept = tuple(Variable(name) for name in self.plant.states)
-        return tuple(kept + jump for jump in self.observer.jumps or (self.observer.jump,))
+        alike = (self.observer.jump,) * max(1, len(self.plant.sampling.readings))
+        return tuple(kept + jump for jump in self.observer.jumps or alike)

@@ -1,4 +1,4 @@
-"""The stages of one spec as functions: synthesize, check, simulate, report.
+"""The stages of one spec as functions: synthesize, check, simulate, report, export.
 
 Each stage reads the artefacts before it, makes them anew where the chain is broken, and writes its own.
 A key says what a stage has read; a stage whose key stands in the stored artefact is not redone.
@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from cdobs_cli import __version__
-from cdobs_cli.certificate import Check
+from cdobs_cli.certificate import Check, Witness
 from cdobs_cli.choice import chosen_design
 from cdobs_cli.design import Design
 from cdobs_cli.errors import ArtefactError, CdobsError, UsageError
@@ -26,6 +26,7 @@ from cdobs_cli.synthesis import certify, initial_errors, is_design_of, new_desig
 
 if TYPE_CHECKING:
     from cdobs_cli.chart import Chart
+    from cdobs_cli.export.targets import Exported, Target
     from cdobs_cli.report.drawings import Drawings
     from cdobs_cli.report.model import Report
     from cdobs_cli.run import Run
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 PARTS = "simulation.parts"  # the folder of what is there of a simulation of many runs that is not through
 ARCHIVE = "archive"  # the entry of `digests` for the trajectories beside a summary
+_PERIOD_MAX = "period_max"  # whose refuted end has a counterexample of its own law
 _FIGURE_OF_RUN = "figures/states.svg"
 
 
@@ -60,6 +62,7 @@ class Work:
     check: Check | None = field(default=None, init=False)
     simulation: dict[str, Any] | None = field(default=None, init=False)
     run: Run | None = field(default=None, init=False)
+    exported: list[Path] = field(default_factory=list, init=False)
     redone: set[str] = field(default_factory=set, init=False)
 
     @cached_property
@@ -271,16 +274,22 @@ def _stored_check(work: Work, design: Design) -> Check | None:
 
 
 def replay(work: Work, identifier: str) -> dict[str, Any]:
-    """Run the counterexample of a claim; `witness_<claim>_run.json`, its archive and its figure.
+    """Run the counterexample of a claim, or of the refuted end of `period_max`; `witness_<claim>_run.json`, its archive
+    and its figure.
 
     Raises:
         UsageError: there is no such claim, or it has no counterexample that can be run.
     """
-    proved = check(work)
-    claim = proved.claim(identifier)
-    if claim is None or claim.witness is None:
-        told = ", ".join(one.id for one in proved.claims if one.witness is not None) or "none"
+    proved, design = check(work), synthesize(work)
+    known = {one.id: (one.witness, design.sampling) for one in proved.claims if one.witness is not None}
+    end = proved.bounds.get(_PERIOD_MAX)
+    beyond = None if end is None else design.counterexample(end.refuted)
+    if beyond is not None:
+        known[_PERIOD_MAX] = Witness.from_document(beyond.data["witness"]), beyond.sampling
+    if identifier not in known:
+        told = ", ".join(known) or "none"
         raise UsageError(f"{work.spec.source_path}: no counterexample to {identifier!r}; claims that have one: {told}")
+    witness, law = known[identifier]
     from cdobs_cli.report.replays import attained_chart, crossing_chart, replay_chart
     from cdobs_cli.report.witnesses import witness_name
     from cdobs_cli.simulate.archive import packed
@@ -289,20 +298,22 @@ def replay(work: Work, identifier: str) -> dict[str, Any]:
     from cdobs_cli.simulate.witness import Replay
     from cdobs_cli.simulate.witness import replay as run_witness
 
-    design, observer = synthesize(work), work.spec.observer
-    name, plant = f"{witness_name(claim)}_run", plant_of(work.spec, design)
+    observer, name = work.spec.observer, f"{witness_name(identifier)}_run"
+    plant = replace(plant_of(work.spec, design), sampling=law)
     again: Replay | BoxReplay | AttainedReplay
-    if claim.witness.kind == "box":
-        again = replay_box(HybridSystem(plant, observer.observer(plant, design)), design.sampling, claim.witness)
+    if witness.kind == "box":
+        again = replay_box(HybridSystem(plant, observer.observer(plant, design)), design.sampling, witness)
         chart = crossing_chart(name, identifier, plant.states, again.arrays())
-    elif claim.witness.kind == "noise":
-        again = replay_attained(observer.inclusion(plant, design.gain), claim.witness)
+    elif witness.kind == "noise":
+        again = replay_attained(observer.inclusion(plant, design.gain), witness)
         chart = attained_chart(name, identifier, plant.states[again.state], again.state, again.arrays(), again.entries)
     else:
-        again = run_witness(observer.inclusion(plant, design.gain), claim.witness)
+        again = run_witness(observer.inclusion(plant, design.gain), witness)
         chart = replay_chart(name, identifier, again.arrays(), again.entries)
     archive = packed(again.arrays())
-    work.store.write_files({f"{name}.npz": archive, **_figures(work, [work.spec.labels.chart(chart)])})
+    axes = {label: state for state in plant.states for label in (state, f"error of {state}")}
+    shown = work.spec.labels.chart(chart, axes)
+    work.store.write_files({f"{name}.npz": archive, **_figures(work, [shown])})
     digests = _check_digests(work, design) | {"check": proved.digests[CONTENT], ARCHIVE: _sha256(archive)}
     document = {"schema_version": 1, "claim": identifier, **again.document(), "digests": digests}
     work.simulation = work.store.write(f"{name}.json", document)
@@ -357,6 +368,53 @@ def _unusable(work: Work, name: str, what_for: str, *, is_whole: bool) -> Artefa
     return ArtefactError(f"{work.store.folder}: no current {name} {what_for}; run `cdobs check` first")
 
 
+def export(work: Work, target: Target, real: str) -> list[Path]:
+    """The designed observer as files for use elsewhere, below `export/`; from stored artefacts alone.
+
+    Raises:
+        ArtefactError: as `report`.
+        UsageError: there is no observer, or the target cannot express it.
+    """
+    design = take_stored(work)
+    if design.outcome == "none":
+        raise UsageError(
+            f"{work.spec.source_path}: there is no observer to export: {design.reason or 'none was found'}"
+        )
+    from cdobs_cli.export.targets import files
+
+    written = files(target, _exported(work, design), real)
+    work.exported = work.store.write_files({f"export/{name}": content for name, content in written.items()})
+    return work.exported
+
+
+def _exported(work: Work, design: Design) -> Exported:
+    """Everything that is written down, with a simulated run to compare it with where the spec has one."""
+    from cdobs_cli.export.about import About
+    from cdobs_cli.export.portable import portable
+    from cdobs_cli.export.step import with_step
+    from cdobs_cli.export.targets import Exported
+    from cdobs_cli.export.vectors import held, vectors
+    from cdobs_cli.report.verdict import words
+    from cdobs_cli.simulate.engine import simulate as run_of
+
+    assert work.check is not None
+    spec, report, system = work.spec, report_model(work, {}), system_of(work.spec, design)
+    law, told, longest = design.sampling, None, float(design.sampling.T_max)
+    one = portable(work.store.folder.name, system.plant, system.observer, design, system.original)
+    if spec.simulation is not None:
+        asked = held(system, spec.simulation, law)
+        seen = run_of(*asked, law).trajectories[0]
+        told = vectors(one, asked[1], seen, system.plant.n)
+        longest = longest or max((call.dt for call in told.calls), default=0.0)
+    digests = (("design", design.digests[CONTENT]), ("check", work.check.digests[CONTENT]))
+    about = About(
+        readable(spec.title), readable(spec.source_path.name), work.check.verdict, words(report), digests,
+        law.text(spec.labels.time), spec.labels,
+    )  # fmt: skip
+    about, told = with_step(one, about, told, longest or 1.0)
+    return Exported(one, about, told, system.plant, design, work.check, spec.observer)
+
+
 def report_model(work: Work, digests: Mapping[str, str]) -> Report:
     """What there is to say of the artefacts made or read so far (a design at least)."""
     from cdobs_cli.findings import at_hand
@@ -390,7 +448,12 @@ def _render(work: Work) -> list[Path]:
         return []
     from cdobs_cli.report.files import render
 
-    paths = work.store.write_files(render(report_model(work, digests), work.drawings))
+    model = report_model(work, digests)
+    if model.run is None and model.design.outcome == "none" and spec.simulation is not None:
+        from cdobs_cli.simulate.alone import plant_alone
+
+        model = replace(model, run=plant_alone(model.plant, spec.simulation))
+    paths = work.store.write_files(render(model, work.drawings))
     work.store.write_files({marker: content()})
     work.redone.add("report")
     return paths

@@ -372,11 +372,11 @@ class SamplingLaw:
 
 
 def _sensor_text(one: Sensor, time: Callable[[Fraction], str]) -> str:
-    if one.least is not None:
-        return f"{one.name} {time(one.least)} to {time(one.every)} apart"
+    if one.step is None:
+        return f"{one.name} {time(one.least or one.every)} to {time(one.every)} apart"
     since = f" from {time(one.offset)} on" if one.offset else ""
     losses = f", at most {one.lost} in a row lost" if one.lost else ""
-    return f"{one.name} every {time(one.every)}{since}{losses}"
+    return f"{one.name} every {time(one.step)}{since}{losses}"
 
 
 def _times(T: Exact, share: Fraction) -> Exact:

@@ -19,7 +19,8 @@ GAINS: tuple[Gains, ...] = ("by_phase", "by_sensor", "one")
 class Sensor:
     """Measures the outputs of these numbers at the times (offset + k every) T, k = 0, 1, .., with T the shortest period
     of all sensors: 0 <= offset < every; of these samples at most `lost` in a row are lost. Or, where `least` is given,
-    again and again between least T and every T after the time before, whenever that is."""
+    again and again between least T and every T after the time before, and first so long after the time 0; with `lost`
+    only at multiples of least T, of which so many in a row may be lost: every = (lost + 1) least."""
 
     name: str
     outputs: tuple[int, ...]
@@ -36,7 +37,14 @@ class Sensor:
     @property
     def longest(self) -> Fraction:
         """Between two samples that arrive, in T."""
-        return self.every * (self.lost + 1)
+        return self.every if self.is_free else self.every * (self.lost + 1)
+
+    @property
+    def step(self) -> Fraction | None:
+        """Of which the times of all its samples are multiples (beside its offset), in T; None where they are not."""
+        if self.least is None:
+            return self.every
+        return self.least if self.lost or self.least == self.every else None
 
 
 @dataclass(frozen=True)
@@ -116,8 +124,10 @@ def document(sensors: Sequence[Sensor]) -> list[dict[str, Any]]:
 def _entry(one: Sensor) -> dict[str, Any]:
     entry: dict[str, Any] = {"name": one.name, "outputs": list(one.outputs), "every": str(one.every)}
     if one.least is not None:
-        return entry | {"least": str(one.least)}
-    return entry | {"offset": str(one.offset)} | ({"lost": one.lost} if one.lost else {})
+        entry |= {"least": str(one.least)}
+    else:
+        entry |= {"offset": str(one.offset)}
+    return entry | ({"lost": one.lost} if one.lost else {})
 
 
 def from_document(entries: Any) -> tuple[Sensor, ...]:
@@ -140,7 +150,7 @@ def _sensor(entry: Any) -> Sensor:
     if not isinstance(entry, Mapping):
         raise ValueError("not a sensor")
     further = entry.keys() - {"name", "outputs", "every"}
-    if further not in ({"least"}, {"offset"}, {"offset", "lost"}):
+    if further not in ({"least"}, {"least", "lost"}, {"offset"}, {"offset", "lost"}):
         raise ValueError("not a sensor")
     name, outputs, lost = entry["name"], entry["outputs"], entry.get("lost", 0)
     if not isinstance(name, str) or not isinstance(outputs, list) or not outputs:
@@ -151,7 +161,7 @@ def _sensor(entry: Any) -> Sensor:
     least = _fraction(entry["least"]) if "least" in entry else None
     if every < 1 or not 0 <= offset < every or not ("lost" not in entry or 0 < lost <= MAX_LOST):
         raise ValueError("periods that no sensor has")
-    if least is not None and not 0 < least <= every:
+    if least is not None and not (0 < least <= every and (not lost or every == least * (lost + 1))):
         raise ValueError("periods that no sensor has")
     return Sensor(name, tuple(outputs), every, offset, lost, least)
 

@@ -182,8 +182,8 @@ def methods_of(node: ast.ClassDef) -> Iterator[str]:
         for target in (part.targets if isinstance(part, ast.Assign) else [part.target])
         if isinstance(target, ast.Name)
     }
-    if "rung" in values and "name" in values:
-        yield from filter(None, (values["name"], values["rung"], values.get("how")))
+    if "rung" in values or "name" in values:
+        yield from filter(None, (values.get("name"), values.get("rung"), values.get("how")))
 
 
 def test_ids_in_the_source_have_pages() -> None:

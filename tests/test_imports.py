@@ -51,6 +51,7 @@ def contracts(folder: Path) -> subprocess.CompletedProcess[str]:
         ("batch.py", "import distributed", "Only remote.py asks a cluster"),
         ("spec/replaced.py", "import cdobs_cli.sweep.grid", "Imports run one way"),
         ("sweep/charts.py", "import matplotlib", "Only report/figures.py draws"),
+        ("export/c99.py", "import cdobs_cli.simulate.engine", "Imports run one way"),
         ("pipeline.py", "import matplotlib", "Only report/figures.py draws"),
         ("certify/methods/base.py", "import cdobs_cli.certify.judge", "Methods know no objective and no verdict"),
         ("certify/methods/spectral.py", "import clarabel", "Only certify/lmi.py asks the solver"),

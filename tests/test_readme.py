@@ -19,7 +19,9 @@ from command import PENDULUM, ROOT
 from cdobs_cli.batch import Settings, run
 from cdobs_cli.cli import STAGES
 from cdobs_cli.outcome import Job
+from cdobs_cli.scaffold import example
 
+NUMBER = re.compile(r"\d+(?:\.\d+)?")
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 HOOKS: list[dict[str, Any]] = yaml.safe_load((ROOT / ".pre-commit-hooks.yaml").read_text(encoding="utf-8"))
 
@@ -58,6 +60,26 @@ def shell(line: str, folder: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         line, shell=True, cwd=folder, env=env, capture_output=True, text=True, timeout=120, check=False
     )
+
+
+def test_the_example_is_what_init_writes_and_its_result_is_what_is_printed(project: Path) -> None:
+    shown, (console,) = blocks("yaml")[0], blocks("console")
+    command, *told = console.splitlines()
+    assert command == "$ cdobs run pendulum.yaml" and shown == example()
+    assert shell("cdobs init -o pendulum.yaml", project).returncode == 0
+    printed = shell(f"{command.removeprefix('$ ')} --no-report", project).stdout
+    # Searches may end a little elsewhere with other versions of the solver; the words are the same.
+    lines = {NUMBER.sub("#", line): line for line in printed.splitlines()}
+    for line in told[1:]:
+        found = [float(number) for number in NUMBER.findall(lines[NUMBER.sub("#", line)])]
+        assert found == pytest.approx([float(number) for number in NUMBER.findall(line)], rel=0.02)
+    assert told[0] in printed
+
+
+def test_the_links_lead_somewhere() -> None:
+    links = re.findall(r"\]\(([^)\s]+)\)", README)
+    assert links
+    assert [link for link in links if not (ROOT / link).is_file()] == []
 
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="there is no make")

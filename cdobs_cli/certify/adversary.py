@@ -22,7 +22,7 @@ from flint import arb
 
 from cdobs_cli.certificate import Witness
 from cdobs_cli.certify.ball import has_spectral_radius_below, is_finite
-from cdobs_cli.certify.falsify import Arc, Word, is_about, is_admissible, output_texts
+from cdobs_cli.certify.words import Arc, Word, is_about, is_admissible, output_texts
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import Exact, lower_text

@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cdobs_cli.certify.adversary import NoisyWord
-from cdobs_cli.certify.falsify import Arc, Word, candidate_corners, ends_of
+from cdobs_cli.certify.falsify import candidate_corners, ends_of
 from cdobs_cli.certify.floats import exponentials, spectral_radii
+from cdobs_cli.certify.words import Arc, Word
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact
 from cdobs_cli.hybrid import HybridInclusion
 from cdobs_cli.plant import Box

@@ -11,9 +11,10 @@ import numpy as np
 
 from cdobs_cli.certificate import Witness
 from cdobs_cli.certify import search
-from cdobs_cli.certify.falsify import Word, prove, refute
+from cdobs_cli.certify.falsify import refute
 from cdobs_cli.certify.floats import exponentials, spectral_radii
 from cdobs_cli.certify.linear import is_linear, lost_above
+from cdobs_cli.certify.words import Word, prove
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
 from cdobs_cli.sampling import SamplingLaw, share_of

@@ -133,6 +133,7 @@ def growth(question: Question, maps: LateMaps, envelope: Mapping[str, str]) -> G
     if late.n < late.N:  # what is held is of the sample before
         D = D + question.law.T_max.ball()
     factor, rate = (Exact(envelope[name]).ball() for name in ("factor", "rate"))
+    factor = factor.max(arb(1))  # until the first sample is there the error is what it was before it
     factor = (factor * g * (rate * D).exp()).upper()
     if not factor.is_finite():
         return Growth(g, {})

@@ -4,7 +4,7 @@ With no uncertain slope the adversary chooses the periods only: M = J exp(F s_m)
 [T_min, T_max]. Words over a grid of periods grow letter by letter, and of each length the most promising are kept
 (half of them by their norm, half by their growth rate). Longer words, a turn of an oscillating error takes many
 samples, are read off the error's largest trajectories: those that reach furthest in some direction. Then the periods
-of the best words move freely. What comes out is only proposed: `falsify.prove` decides.
+of the best words move freely. What comes out is only proposed: `words.prove` decides.
 """
 
 from __future__ import annotations

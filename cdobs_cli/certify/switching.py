@@ -3,7 +3,7 @@
 By the maximum principle an extremal V(t) is bang-bang: with e the error along the leading eigenvector and p
 the costate along the left one, v_k follows the sign of p' parts_k e; so do, at each sample, slopes of the outputs
 that vary. Starting from some V on a grid of slots, that rule is applied again and again (policy iteration); arcs of
-equal slopes are then merged and their lengths refined. What comes out is only proposed: `falsify.prove` decides.
+equal slopes are then merged and their lengths refined. What comes out is only proposed: `words.prove` decides.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ from flint import arb
 
 from cdobs_cli.certificate import Witness
 from cdobs_cli.certify.ball import is_hurwitz, null_space
-from cdobs_cli.certify.falsify import unobservable_subspace
+from cdobs_cli.certify.words import unobservable_subspace
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix, block

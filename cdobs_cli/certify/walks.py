@@ -18,7 +18,6 @@ from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.sensors import Phase, Sensor, is_bounded, phases
 
 Steps = tuple[tuple[Fraction, Edge], ...]
-_MOST_STEPS = 8
 _MOST_WALKS = 120
 _COUNTS, _OFFSETS = (1, 2, 3, 4, 5, 6), (Fraction(1, 2), Fraction(1, 8))
 
@@ -47,22 +46,27 @@ def _steps(sensors: tuple[Sensor, ...]) -> tuple[Steps, ...]:
         return ()
     if any(one.is_free for one in sensors):
         found = (_settled(timed, sensors, of) for of in islice(_schedules(sensors), 4 * _MOST_WALKS))
-        return tuple(dict.fromkeys(steps for steps in found if steps))[:_MOST_WALKS]
+        known = dict.fromkeys(steps for steps in found if _is_run(timed, steps, sensors))
+        return tuple(known)[:_MOST_WALKS]
     if not is_bounded(sensors):
         return ()
     return tuple(tuple((edge.low, edge) for edge in edges) for edges in islice(_closed(timed), _MOST_WALKS))
 
 
+def _is_run(timed: Graph, steps: Steps, sensors: Sequence[Sensor]) -> bool:
+    """Whether the sensors may go so for ever."""
+    return timed.repeats([clock for clock, _ in steps], [edge.reading for _, edge in steps], sensors)
+
+
 def _closed(graph: Graph) -> Iterator[tuple[Edge, ...]]:
-    """Ways of few steps that come back to their first node, through no node twice; each once."""
-    longest = max(_MOST_STEPS, len(graph.nodes) if len(graph.edges) == len(graph.nodes) else 0)
+    """Ways that come back to their first node, through no node twice; each once, those of few steps first."""
     ways: list[tuple[Edge, ...]] = [(edge,) for edge in graph.edges]
     while ways:
         yield from (way for way in ways if way[-1].target == way[0].source)
         ways = [
             (*way, edge)
             for way in ways[: 20 * _MOST_WALKS]
-            if len(way) < longest and way[-1].target != way[0].source
+            if way[-1].target != way[0].source
             for edge in graph.leaving(way[-1].target)
             if edge.target not in {one.source for one in way[1:]} and edge.target >= way[0].source
         ]
@@ -87,14 +91,16 @@ def _schedules(sensors: Sequence[Sensor]) -> Iterator[tuple[Phase, ...]]:
 
 def _between(sensor: Sensor) -> list[Fraction]:
     least = sensor.every if sensor.least is None else sensor.least
-    return list(dict.fromkeys((sensor.every, least, (sensor.every + least) / 2)))
+    between = (sensor.every + least) / 2 if sensor.step is None else least * 2
+    return list(dict.fromkeys(one for one in (sensor.every, least, between) if one <= sensor.every))
 
 
 def _in_proportion(sensor: Sensor, period: Fraction) -> Iterator[Fraction]:
     """Periods of this sensor in simple proportion to one, the longest first."""
     least = sensor.every if sensor.least is None else sensor.least
     made = {period * Fraction(a, b) for a, b in product(_COUNTS, _COUNTS)} | {sensor.every}
-    yield from islice(sorted((one for one in made if least <= one <= sensor.every), reverse=True), 4)
+    fitting = (one for one in made if least <= one <= sensor.every and (sensor.step is None or one % sensor.step == 0))
+    yield from islice(sorted(fitting, reverse=True), 4)
 
 
 def _in_turn(of: Sequence[Phase]) -> tuple[Phase, ...]:

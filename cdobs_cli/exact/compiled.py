@@ -53,6 +53,15 @@ def compile_floats(expressions: Sequence[Expression], names: Sequence[str], *, a
         arrays: numpy arrays (broadcast) when true, Python floats when false. Floats raise
             ValueError, ZeroDivisionError or OverflowError where arrays give nan or inf.
     """
+    table: dict[str, Any] = {"__builtins__": {}} | _table(arrays=arrays)
+    source = python_function("function", expressions, names)
+    exec(compile(source, "<compiled expression>", "exec"), table)  # noqa: S102 - our own code, see the module's text
+    function: Compiled = table["function"]
+    return function
+
+
+def python_function(name: str, expressions: Sequence[Expression], names: Sequence[str]) -> str:
+    """The text of such a function; it calls the functions of the language, and `power`, by their names."""
     local: dict[Expression, str] = {}
     arguments = {name: f"a{index}" for index, name in enumerate(names)}
     lines: list[str] = []
@@ -66,8 +75,4 @@ def compile_floats(expressions: Sequence[Expression], names: Sequence[str], *, a
                 lines.append(f"    v{len(lines)} = {_code(node, local)}")
                 local[node] = f"v{len(lines) - 1}"
     results = "".join(f"{local[expression]}, " for expression in expressions)
-    source = "\n".join([f"def function({', '.join(arguments.values())}):", *lines, f"    return ({results})"])
-    table: dict[str, Any] = {"__builtins__": {}} | _table(arrays=arrays)
-    exec(compile(source, "<compiled expression>", "exec"), table)  # noqa: S102 - our own code, see the module's text
-    function: Compiled = table["function"]
-    return function
+    return "\n".join([f"def {name}({', '.join(arguments.values())}):", *lines, f"    return ({results})", ""])

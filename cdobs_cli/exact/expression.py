@@ -24,11 +24,11 @@ MAX_ROOT = 12  # exponents with larger denominators are decimals, not roots
 
 
 class ExpressionError(ValueError):
-    """A text outside the expression language; `offset` counts characters from its start."""
+    """A text outside the expression language; `offset` counts characters from its start, `hint` says what to write."""
 
-    def __init__(self, message: str, offset: int = 0) -> None:
+    def __init__(self, message: str, offset: int = 0, hint: str | None = None) -> None:
         super().__init__(message)
-        self.offset = offset
+        self.offset, self.hint = offset, hint
 
 
 class Expression:

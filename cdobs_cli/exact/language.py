@@ -273,15 +273,20 @@ def applied(name: str, arguments: Sequence[Expression]) -> Expression:
 
 
 _JUMP = "a jump has no slope bound, write tanh(k*x) or sat(k*x)"
-CHOICE = "a choice may jump, write min, max or sat"
-_TABLE = "write a polynomial, or a sum of max, min and sat pieces"
+CHOICE = "a choice may jump, write min, max or sat: max(x - 1, 0) is x - 1 above 1, else 0"
+_TABLE = "write table(x, [[x0, y0], [x1, y1], ..]), the line through the points, or a smooth fit"
 # What people write that is no function here, and what to write for it.
 SUBSTITUTES: Mapping[str, str] = {
     **dict.fromkeys(("sign", "sgn", "signum", "step", "heaviside"), _JUMP),
     **dict.fromkeys(("where", "piecewise", "ifelse", "floor", "ceil", "round", "mod"), CHOICE),
-    **dict.fromkeys(("table", "lookup", "interp", "interp1", "interp1d", "spline", "pwl"), _TABLE),
+    **dict.fromkeys(("lookup", "lut", "interp", "interp1", "interp1d", "spline", "pwl"), _TABLE),
     **dict.fromkeys(("clip", "clamp", "saturate", "saturation"), "write sat(x, low, high)"),
     "pow": "write x**y", "power": "write x**y", "square": "write x**2", "cbrt": "write x**(1/3)",
     "hypot": "write sqrt(x**2 + y**2)", "log2": "write log(x)/log(2)", "sigmoid": "write 1/(1 + exp(-x))",
+    "arctan": "write atan(x)", "arctan2": "write atan2(y, x)", "arcsin": "write asin(x)", "arccos": "write acos(x)",
+    "tg": "write tan(x)", "lg": "write log10(x)", "fabs": "write abs(x)", "expm1": "write exp(x) - 1",
+    "log1p": "write log(1 + x)", "radians": "write x*pi/180", "deg2rad": "write x*pi/180",
+    "degrees": "write x*180/pi", "rad2deg": "write x*180/pi", "logistic": "write 1/(1 + exp(-x))",
+    "softplus": "write log(1 + exp(x))", "relu": "write max(x, 0)", "haldane": "write s/(k + s + s**2/i)",
     "cot": "write 1/tan(x)", "sec": "write 1/cos(x)", "csc": "write 1/sin(x)",
 }  # fmt: skip

@@ -9,6 +9,8 @@ from fractions import Fraction
 from math import log
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
+from pydantic import Field
+
 from cdobs_cli.errors import Problem
 from cdobs_cli.families.base import Family
 from cdobs_cli.fields import NonNegativeNumber, PositiveNumber
@@ -29,6 +31,19 @@ if TYPE_CHECKING:
 
 
 Objective = Literal["given_period", "max_period", "decay_rate", "min_error"]
+OBJECTIVE_WORDS = (
+    "The period as typed (given_period), the longest period (max_period), the fastest decay (decay_rate), or the "
+    "least error under noise (min_error)."
+)
+RATE_WORDS = (
+    "Under max_period and min_error: the least rate of decay, 1 / time. Under max_period, where left out, that of "
+    "an error that falls to 1 % within the horizon; 0 asks for any."
+)
+ERROR_WORDS = "state: the largest error that noise and disturbance may leave; every objective but decay_rate keeps it."
+WEIGHT_WORDS = (
+    "Under min_error, state: how much the square of its error counts, 0 where left out; without weights all "
+    "alike, by their scales."
+)
 _PERIODS = 50
 _DECLARE = "declare measurement.noise or plant.disturbance"
 
@@ -42,10 +57,14 @@ class ConstantGain(Family):
     """
 
     objective: Objective
-    rate_at_least: NonNegativeNumber | None = None
-    error_at_most: dict[str, PositiveNumber] | None = None
-    weights: dict[str, NonNegativeNumber] | None = None
-    saturate: bool | Literal["auto"] = "auto"
+    rate_at_least: NonNegativeNumber | None = Field(default=None, description=RATE_WORDS)
+    error_at_most: dict[str, PositiveNumber] | None = Field(default=None, description=ERROR_WORDS)
+    weights: dict[str, NonNegativeNumber] | None = Field(default=None, description=WEIGHT_WORDS)
+    saturate: bool | Literal["auto"] = Field(
+        default="auto",
+        description="How the estimate is kept where the slopes hold: true continues phi linearly beyond the domain, "
+        "false proves that the estimate stays in it, auto tries the second first.",
+    )
     letter: ClassVar[str] = "K"
     error_source: ClassVar[str]
     rate_share: ClassVar[float] = 0.0

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from cdobs_cli.chart import Chart
 from cdobs_cli.report.equations import Equation
@@ -32,7 +33,15 @@ class Term:
     is_code: bool = False
 
 
-Cell = str | Mark | Code | Term
+@dataclass(frozen=True)
+class Figure:
+    """A reference to a figure by the name of its chart; number: its place in the report."""
+
+    name: str
+    number: int = 0
+
+
+Cell = str | Mark | Code | Term | Figure
 
 
 @dataclass(frozen=True)
@@ -58,19 +67,21 @@ class Mathematics:
 
 @dataclass(frozen=True)
 class Grid:
-    """A table; every row has as many cells as there are columns."""
+    """A table; every row has as many cells as there are columns. is_folded: whether a page opens it when asked to."""
 
     columns: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
     title: str = ""
     caption: str = ""
+    is_folded: bool = False
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure: its data; whoever writes the files draws it."""
+    """A figure: its data; whoever writes the files draws it. number: its place in the report."""
 
     chart: Chart | Ladder
+    number: int = 0
 
 
 @dataclass(frozen=True)
@@ -89,3 +100,21 @@ class Section:
 
     title: str
     blocks: tuple[Block, ...]
+
+
+def numbered(sections: Sequence[Section]) -> tuple[Section, ...]:
+    """The sections with the numbers of their figures, in the order of reading."""
+    pictures = [one.chart.name for section in sections for one in section.blocks if isinstance(one, Picture)]
+    numbers = {name: number for number, name in enumerate(pictures, start=1)}
+
+    def of_cell(cell: Cell) -> Cell:
+        return replace(cell, number=numbers.get(cell.name, 0)) if isinstance(cell, Figure) else cell
+
+    def of_block(block: Block) -> Block:
+        if isinstance(block, Picture):
+            return replace(block, number=numbers[block.chart.name])
+        if isinstance(block, Grid):
+            return replace(block, rows=tuple(tuple(map(of_cell, row)) for row in block.rows))
+        return block
+
+    return tuple(replace(section, blocks=tuple(map(of_block, section.blocks))) for section in sections)

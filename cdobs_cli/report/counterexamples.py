@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from fractions import Fraction
 
 from cdobs_cli.certificate import Witness
+from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.plant import Plant, Quantity
 from cdobs_cli.report.numbers import end_text, float_or_none, number_text
 from cdobs_cli.sampling import SamplingLaw
@@ -128,14 +129,14 @@ def _growth(witness: Witness) -> str:
 
 
 def _whom(witness: Witness) -> str:
+    if witness.about == "class" and witness.kind == "noise":
+        return "Some plant with these slopes does so; the typed one may stay below."
     if witness.about == "class":
         return "Some plant with these slopes does so; the typed one may still converge."
     return "The plant as typed does so."
 
 
 def _number(text: str) -> float:
-    from cdobs_cli.exact.numbers import Exact
-
     return float(Exact(text))
 
 
@@ -144,6 +145,4 @@ def _rounded(value: float) -> str:
 
 
 def _short(text: str) -> str:
-    from cdobs_cli.exact.numbers import Exact
-
     return text if len(text) <= 8 else number_text(float(Exact(text)), 5)

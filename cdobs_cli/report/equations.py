@@ -17,8 +17,8 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text, plain_dec
 MAX_OPERATIONS = 400
 MAX_DEPTH = 60
 # Longer numbers inside formulas are cut, with dots: the gain itself is shown in full.
-LONGEST_NUMBER = 12
-SHOWN_DIGITS = 7
+LONGEST_NUMBER = 24
+SHOWN_DIGITS = 17
 
 _NAMES = (
     "alpha beta gamma delta epsilon zeta eta theta iota kappa lambda mu nu xi omicron pi rho sigma tau upsilon phi chi "

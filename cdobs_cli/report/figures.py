@@ -1,7 +1,7 @@
 """Drawing: charts and ladders to SVG, PNG or PDF, their data to CSV. The only module that loads matplotlib.
 
-Pictures are deterministic: no dates, fixed identifiers, text as paths of fonts that come with matplotlib.
-Colours are those of Okabe and Ito, told apart by people with any colour vision; lines differ in dashes too.
+Pictures are deterministic: no dates, fixed identifiers, text as paths of fonts that come with matplotlib. They are as
+wide as a column, with text that can be read on a phone; lines differ in dashes, not in colours alone.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import repeat
 from typing import TYPE_CHECKING, Any
@@ -17,35 +18,54 @@ import numpy as np
 
 from cdobs_cli.chart import Chart, Panel, Series
 from cdobs_cli.report.ladder import Ladder
+from cdobs_cli.report.palette import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    GRID,
+    ORANGE,
+    PALE,
+    PURPLE,
+    SKY,
+    STRETCHED,
+    VERMILLION,
+    WHITE,
+)
+from cdobs_cli.report.prose import mathtext
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
-BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
-BLUE, VERMILLION, PURPLE = "#0072B2", "#D55E00", "#CC79A7"
 ROLE_COLOURS = {
     "truth": BLACK, "estimate": BLUE, "proved": GREEN, "refuted": VERMILLION, "measured": ORANGE, "arrived": ORANGE,
     "beside": VERMILLION,
 }  # fmt: skip
-OTHER_COLOURS = (PURPLE, SKY, ORANGE, "#7F7F7F", BLUE, GREEN)
-SENSOR_COLOURS = (ORANGE, PURPLE, SKY, GREEN, "#7F7F7F")
+OTHER_COLOURS = (PURPLE, SKY, ORANGE, GREY, BLUE, GREEN)
+SENSOR_COLOURS = (ORANGE, PURPLE, SKY, GREEN, GREY)
 # The first line of a role, then the further ones: dashes keep them apart where colours cannot.
 ROLE_DASHES: dict[str, Any] = {"estimate": (0, (5, 1.6)), "proved": (0, (6, 1.5, 1, 1.5)), "refuted": (0, (3, 1.2))}
 FURTHER_DASHES: tuple[Any, ...] = ("-", (0, (4, 1.5)), (0, (1, 1.2)), (0, (6, 1.5, 1, 1.5)), (0, (8, 2)))
 MARKERS = ("o", "s", "^", "D", "v")
-_HATCHED: dict[str, Any] = {"facecolor": "#FBE3D3", "edgecolor": VERMILLION, "hatch": "////", "linewidth": 0.6}
-WIDTH = 6.3  # inches: the text width of an A4 paper
-LEGEND_WIDTH = 400  # points
+_HATCHED: dict[str, Any] = {"facecolor": PALE, "edgecolor": VERMILLION, "hatch": "////", "linewidth": 0.6}
+WIDTH = 4.8  # inches: of a phone's 358 pixels each point takes one
+HEIGHTS = {1: 2.5, 2: 1.75, 3: 1.5}  # inches of a panel, by their number
+LOW = 1.4
+LETTER = 0.075  # inches of one, roughly
+LEGEND_WIDTH = 300  # points
+SHARE = 0.45  # of the width, of the part of an axis that is stretched
+MANY_POINTS = 40  # more are drawn small
 LARGEST = 1e150  # values beyond are not drawn: axes overflow
 _STYLE: Any = {
-    "font.family": "STIXGeneral", "mathtext.fontset": "stix", "font.size": 10.5, "axes.linewidth": 0.7,
-    "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.color": "#DDDDDD",
+    "font.family": "STIXGeneral", "mathtext.fontset": "stix", "font.size": 11, "axes.linewidth": 0.7,
+    "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True, "grid.color": GRID,
     "grid.linewidth": 0.5, "axes.axisbelow": True, "xtick.major.width": 0.7, "ytick.major.width": 0.7,
-    "legend.frameon": False, "legend.fontsize": 9.5, "lines.solid_capstyle": "round", "svg.fonttype": "path",
+    "legend.frameon": False, "legend.fontsize": 10.8, "lines.solid_capstyle": "round", "svg.fonttype": "path",
     "svg.hashsalt": "cdobs", "svg.image_inline": True, "hatch.linewidth": 0.6, "path.simplify": True,
-    "axes.unicode_minus": True,
+    "axes.unicode_minus": True, "axes.xmargin": 0.015, "axes.labelsize": 11, "xtick.labelsize": 10.8,
+    "ytick.labelsize": 10.8, "axes.formatter.useoffset": False,
 }  # fmt: skip
 
 
@@ -142,14 +162,21 @@ def _chart_figure(chart: Chart) -> Figure:
     from matplotlib.figure import Figure
 
     count = max(1, len(chart.panels))
-    heights = {1: 2.9, 2: 1.95, 3: 1.6}
-    figure = Figure(figsize=(WIDTH, 0.45 + count * heights.get(count, 1.35)), layout="constrained")
+    height = HEIGHTS.get(count, LOW)
+    figure = Figure(figsize=(WIDTH, 0.6 + count * height), layout="constrained")
     axes = figure.subplots(count, 1, sharex=len({panel.x_scale for panel in chart.panels}) <= 1, squeeze=False)[:, 0]
     known: set[str] = set()
     for index, (ax, panel) in enumerate(zip(axes, chart.panels, strict=False)):
         _draw_panel(ax, panel, known)
         if index == count - 1 or panel.x_label != chart.panels[-1].x_label:
             ax.set_xlabel(_mathematics(panel.x_label))
+    if chart.stretch is not None:
+        _stretch(list(axes), chart.stretch)
+    for ax, panel in zip(axes, chart.panels, strict=False):
+        _tidy(ax.yaxis, panel.y_label)
+        ax.set_ylabel(_wrapped(ax.get_ylabel(), height))
+        if chart.stretch is None and ax is axes[-1]:
+            _tidy(ax.xaxis, panel.x_label)
     figure.align_ylabels(list(axes))
     return figure
 
@@ -167,10 +194,64 @@ def _draw_panel(ax: Axes, panel: Panel, known: set[str]) -> None:
         _plain_ticks(ax.xaxis, ax.get_xlim())
     if panel.y_scale == "log" and _has_positive(panel):
         ax.set_yscale("log")
-        _plain_ticks(ax.yaxis, ax.get_ylim())
     if panel.y_range is not None:
-        ax.set_ylim(*panel.y_range)
+        low, high = panel.y_range
+        ax.set_ylim(low if math.isfinite(low) else None, high if math.isfinite(high) else None)
+    if panel.y_scale == "log" and _has_positive(panel):
+        _plain_ticks(ax.yaxis, ax.get_ylim())
     _legend(ax, known)
+
+
+def _wrapped(label: str, height: float) -> str:
+    """The label of a panel so many inches high, its unit on a line of its own where it is long."""
+    letters = len(re.sub(r"\\[a-z]+|[${}]", "", label))
+    return label.replace(" (", "\n(") if LETTER * letters > height - 0.2 else label
+
+
+def _stretch(axes: Sequence[Axes], end: float) -> None:
+    """The axis that all share, up to `end` on a larger scale, with a ground of its own."""
+    from matplotlib.scale import FuncScale
+    from matplotlib.ticker import FixedFormatter, FixedLocator, MaxNLocator, NullLocator
+
+    first, last = axes[0].get_xlim()
+    points, places = np.array([0.0, end, last]), np.array([0.0, SHARE, 1.0])
+    before, after = (places[1:] - places[:-1]) / (points[1:] - points[:-1])
+
+    def forward(x: Any) -> Any:
+        x = np.asarray(x, dtype=float)
+        return np.where(x < end, x * before, SHARE + (x - end) * after)
+
+    def back(y: Any) -> Any:
+        y = np.asarray(y, dtype=float)
+        return np.where(y < SHARE, y / before, end + (y - SHARE) / after)
+
+    axes[0].set_xscale(FuncScale(axes[0].xaxis, (forward, back)))
+    axes[0].set_xlim(max(first, -0.03 * end), last)
+    near, gap = [0.0, end / 2, end], 0.08 / after
+    far = [one for one in MaxNLocator(4).tick_values(0.0, last) if end + gap < one <= last]
+    ticks = [*near, *far]
+    axes[0].xaxis.set_major_locator(FixedLocator(ticks))
+    axes[0].xaxis.set_major_formatter(FixedFormatter([f"{one:.6g}" for one in ticks]))
+    axes[0].xaxis.set_minor_locator(NullLocator())
+    for ax in axes:
+        ax.axvspan(axes[0].get_xlim()[0], end, facecolor=STRETCHED, edgecolor="none", zorder=-1)
+
+
+def _tidy(axis: Axis, label: str) -> None:
+    """Few ticks, and very large and small numbers with their power of ten at the label, where no legend is."""
+    from matplotlib.ticker import FuncFormatter, MaxNLocator
+
+    if axis.get_scale() != "linear":
+        return
+    axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))
+    largest = max(map(abs, axis.get_view_interval()))
+    exponent = math.floor(math.log10(largest)) if 0 < largest < math.inf else 0
+    if not -3 <= exponent < 4:
+        power = rf"$10^{{{exponent}}}$"
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value / 10.0**exponent:.6g}"))
+        head, bracket, unit = label.rpartition(" (")
+        told = f"{head} ({power} {unit}" if bracket and unit.endswith(")") else f"{label} ({power})"
+        axis.set_label_text(_mathematics(told))
 
 
 def _plain_ticks(axis: Axis, ends: tuple[float, float]) -> None:
@@ -203,10 +284,10 @@ def _legend(ax: Axes, known: set[str]) -> None:
     known |= set(fresh)
     if fresh:
         # Points, roughly: a legend wider than the axes would squeeze them.
-        widths = [5.2 * len(label) + 42 for label in fresh]
+        widths = [5.3 * len(re.sub(r"[\\${}]|mathrm", "", label)) + 36 for label in fresh]
         columns = len(fresh) if sum(widths) < LEGEND_WIDTH else max(1, int(LEGEND_WIDTH / max(widths)))
         ax.legend(list(fresh.values()), list(fresh), loc="lower left", bbox_to_anchor=(0, 1.0), ncols=columns,
-                  borderaxespad=0.15, handlelength=2.4, columnspacing=1.6)  # fmt: skip
+                  borderaxespad=0.15, handlelength=1.9, columnspacing=1.1, handletextpad=0.5)  # fmt: skip
 
 
 def _draw_series(ax: Axes, series: Series, index: int, *, many: bool, panel: Panel) -> None:
@@ -231,7 +312,7 @@ def _draw_series(ax: Axes, series: Series, index: int, *, many: bool, panel: Pan
             ax.step(x, y, where="post", **line)
         case "points":
             marker = MARKERS[(series.place or index) % len(MARKERS)]
-            size, edge, rim = (3.6, 0.4, "white") if len(x) < 200 else (1.8, 0.0, "white")
+            size, edge, rim = (4.2, 0.5, WHITE) if len(x) <= MANY_POINTS else (3.0, 0.4, WHITE)
             if series.role in ("refuted", "arrived"):  # what is not there, or not at its stamp
                 marker, edge, rim = "x", 0.9, colour
             ax.plot(x, y, linestyle="none", marker=marker, markersize=size, color=colour, markeredgecolor=rim,
@@ -286,15 +367,16 @@ def _drawable(values: Any, *, positive: bool = False) -> Any:
 
 
 def _mathematics(text: str) -> str:
-    """The text as it is where its `$..$` can be set, with plain dollars where not."""
-    if "$" not in text:
-        return text
+    """The text with its names set, and its `$..$` where they can be; with plain dollars where not."""
     from matplotlib.mathtext import MathTextParser
 
+    told = mathtext(text)
+    if "$" not in told:
+        return told
     try:
-        if text.replace(r"\$", "").count("$") % 2 == 0:
-            MathTextParser("path").parse(text)
-            return text
+        if told.replace(r"\$", "").count("$") % 2 == 0:
+            MathTextParser("path").parse(told)
+            return told
     except ValueError:
         pass
     return text.replace("$", r"\$")
@@ -307,7 +389,7 @@ def _ladder_figure(ladder: Ladder) -> Figure:
     from matplotlib.figure import Figure
 
     count = len(ladder.rungs)
-    figure = Figure(figsize=(WIDTH, 0.95 + 0.36 * count), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 0.95 + 0.5 * count), layout="constrained")
     ax = figure.subplots()
     every = [end for rung in ladder.rungs for end in (rung.proved, rung.refuted)]
     ends = [end for end in every if end is not None and math.isfinite(end) and end > 0]
@@ -317,22 +399,22 @@ def _ladder_figure(ladder: Ladder) -> Figure:
     for row, rung in enumerate(ladder.rungs):
         y = count - 1 - row
         if rung.proved is not None and rung.proved > 0:
-            ax.barh(
-                y, min(rung.proved, right) - left, left=left, height=0.56, linewidth=0.6, color=GREEN, edgecolor=GREEN
-            )
+            ax.barh(y - 0.2, min(rung.proved, right) - left, left=left, height=0.34, linewidth=0.6, color=GREEN,
+                    edgecolor=GREEN)  # fmt: skip
         if rung.refuted is not None and rung.refuted < right:
             start = max(rung.refuted, left)
-            ax.barh(y, right - start, left=start, height=0.56, **_HATCHED)
-        ax.text(1.02, y, rung.text, transform=ax.get_yaxis_transform(), va="center", fontsize=9.5)
+            ax.barh(y - 0.2, right - start, left=start, height=0.34, **_HATCHED)
+        ax.text(0.008, y + 0.22, _mathematics(f"{rung.label}: {rung.text}"), transform=ax.get_yaxis_transform(),
+                va="center")  # fmt: skip
     if logarithmic:
         ax.set_xscale("log")
         _plain_ticks(ax.xaxis, (left, right))
     ax.set_xlim(left, right)
     ax.set_ylim(-0.6, count - 0.4)
-    ax.set_yticks(range(count), [_mathematics(rung.label) for rung in reversed(ladder.rungs)])
-    ax.tick_params(axis="y", length=0)
+    ax.set_yticks([])
     ax.grid(visible=False, axis="y")
     ax.set_xlabel(_mathematics(ladder.x_label))
+    _tidy(ax.xaxis, ladder.x_label)
     _ladder_legend(ax, ladder)
     return figure
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 from cdobs_cli.chart import Chart, Panel, Series, Table
@@ -32,8 +33,11 @@ def front_charts(design: Design, states: Sequence[str], *, late: bool = False) -
         for name, values in errors.items():
             series = [Series("proved, a gain for each period", periods, values, "line", "proved")]
             series.append(Series("", periods, values, "points", "proved"))
-            series.append(Series("this design", [float(design.sampling.period)], [0.0], "mark", "estimate"))
-            if at is not None:
+            own = float(design.sampling.period)
+            at_knee = at is not None and math.isclose(own, periods[at], rel_tol=1e-3)
+            label = "this design, at the knee" if at_knee else "this design"
+            series.append(Series(label, [own], [0.0], "mark", "estimate"))
+            if at is not None and not at_knee:
                 series.append(Series("knee", [periods[at]], [0.0], "mark", "other"))
             panels.append(Panel("period (s)", f"error of {axis_name(name)}", tuple(series)))
         caption = (

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from cdobs_cli.certificate import Bound
-from cdobs_cli.report.numbers import bracket_text, float_or_none
+from cdobs_cli.report.numbers import bracket_words, float_or_none
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def period_ladder(bounds: Mapping[str, Bound]) -> Ladder | None:
         bound = bounds[name]
         proved, refuted = float_or_none(bound.proved), float_or_none(bound.refuted)
         if proved is not None or (refuted is not None and refuted < math.inf):
-            rungs.append(Rung(label, proved, refuted, bracket_text(bound)))
+            rungs.append(Rung(label, proved, refuted, bracket_words(bound)))
     if not rungs:
         return None
     unit = next((bounds[name].unit for name in _labels(bounds)), "s")

@@ -126,11 +126,19 @@ class Report:
     @property
     def _axes(self) -> dict[str, str]:
         """The states that axes are of, by what stands there."""
-        from cdobs_cli.report.trajectories import axis_name
+        from cdobs_cli.report.trajectories import axis_name, error_label
 
-        names = self.labels.states
-        axes = {axis_name(name): name for name in names} | {f"width of {name}": name for name in names}
-        return axes | {f"error of {axis_name(name)}": name for name in names}
+        axes: dict[str, str] = {}
+        for name in self.labels.states:
+            shown = axis_name(name)
+            labels = (shown, name, f"width of {name}", f"error of {shown}", error_label(name))
+            axes |= dict.fromkeys(labels, name)
+        for k, row in enumerate(self.plant.C.rows if self.plant.h is None else ()):
+            used = [(name, str(value)) for name, value in zip(self.plant.states, row, strict=True) if str(value) != "0"]
+            if len(used) == 1 and used[0][1] == "1" and used[0][0] in self.labels.states:
+                y, r = (f"${letter}_{{{k + 1}}}" for letter in "yr")
+                axes |= dict.fromkeys((f"{y}$", f"{y}(t_k)$", f"{r}(t_k)$"), used[0][0])
+        return axes
 
     @cached_property
     def versions(self) -> dict[str, str]:

@@ -65,6 +65,19 @@ def bracket_text(bound: Bound) -> str:
     return f"[{proved}, {refuted}]{unit_text(bound)}"
 
 
+def bracket_words(bound: Bound) -> str:
+    """`proved up to 1.713 s, fails from 1.7131 s on`; of what is better smaller `proved at most .., reaches ..`."""
+    (proved, refuted), unit = ends_text(bound), unit_text(bound)
+    less = bound.better == "less"
+    told = []
+    if bound.proved is not None:
+        whole = proved == "∞" and not less
+        told.append("proved, however large" if whole else f"proved {'at most' if less else 'up to'} {proved}{unit}")
+    if bound.refuted is not None and refuted != "∞":
+        told.append(f"reaches {refuted}{unit}" if less else f"fails from {refuted}{unit} on")
+    return ", ".join(told) or NOTHING
+
+
 def unit_text(bound: Bound) -> str:
     """The unit with a space before it, nothing where there is none."""
     return f" {bound.unit}" if bound.unit and bound.unit != "1" else ""

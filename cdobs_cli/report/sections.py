@@ -16,6 +16,7 @@ from cdobs_cli.report.blocks import (
     Bullets,
     Cell,
     Code,
+    Figure,
     Grid,
     Listing,
     Mark,
@@ -24,6 +25,7 @@ from cdobs_cli.report.blocks import (
     Picture,
     Section,
     Term,
+    numbered,
 )
 from cdobs_cli.report.counterexamples import SAID, in_words, quantity_names
 from cdobs_cli.report.front import front_table
@@ -46,7 +48,7 @@ from cdobs_cli.run import RunSummary
 from cdobs_cli.sampling import SamplingLaw
 
 MAX_RUN_ROWS = 20
-_SIMULATION_CHARTS = ("states", "typed_states", "error", "accuracy", "sampling")
+_SIMULATION_CHARTS = ("states", "typed_states", "error", "bands", "accuracy", "sampling")
 
 
 def sections(report: Report) -> tuple[Section, ...]:
@@ -56,7 +58,7 @@ def sections(report: Report) -> tuple[Section, ...]:
         _witnesses(report), _simulation(report), _exhibits(report), _expectations(report), _reproduce(report),
         _references(report),
     )  # fmt: skip
-    return tuple(section for section in every if section.blocks)
+    return numbered([section for section in every if section.blocks])
 
 
 def _plant(report: Report) -> Section:
@@ -160,8 +162,11 @@ def _observer(report: Report) -> Section:
         if design.sampling.is_on_change:
             for number, one in enumerate(design.sampling.thresholds):
                 words = f"When {one.name} sends, as its output is {one.delta} from its prediction:"
-                blocks += [Paragraph(words), Mathematics(systems.jump_equations(report.observer, number))]
-        elif jumps := systems.jump_equations(report.observer):
+                blocks += [
+                    Paragraph(words),
+                    Mathematics(systems.jump_equations(report.observer, report.plant.p, number)),
+                ]
+        elif jumps := systems.jump_equations(report.observer, report.plant.p):
             blocks += [Paragraph(_at_a_sample(design.sampling)), Mathematics(jumps)]
         if held := systems.held_equations(report.observer):
             blocks += [Paragraph("Held from one sample to the next:"), Mathematics(held)]
@@ -224,8 +229,32 @@ def _claims(report: Report) -> Section:
     for claim in sorted(report.check.claims, key=lambda claim: claim.kind):
         groups[_group(claim)].append(claim)
     columns = ("claim", "status", "statement", "margin", "method", "source")
-    told = ((title, tuple(map(_claim_row, claims))) for title, claims in groups.items() if claims)
-    return Section("Claims", tuple(Grid(columns, rows, title, _GROUPS[title]) for title, rows in told))
+    drawn, blocks = {chart.name for chart in report.charts}, []
+    for title, claims in groups.items():
+        if claims:
+            figures = [_figure_of(claim, drawn) for claim in claims]
+            more = ("figure",) if any(figures) else ()
+            rows = tuple(
+                (*_claim_row(claim), *([Figure(one) if one else NOTHING] if more else []))
+                for claim, one in zip(claims, figures, strict=True)
+            )
+            folded = title != "Required" and bool(groups["Required"])
+            blocks.append(Grid((*columns, *more), rows, title, _GROUPS[title], is_folded=folded))
+    return Section("Claims", tuple(blocks))
+
+
+# The figure that shows what a claim is about, by how its id begins; the first that is drawn.
+_FIGURES = {
+    "convergence": ("error", "bands", "width"), "error_bounded": ("accuracy", "bands", "width"),
+    "period": ("periods",), "guaranteed_period": ("periods",), "positivity": ("positivity", "periods"),
+    "set.contraction": ("lyapunov",), "enclosure": ("states",),
+}  # fmt: skip
+
+
+def _figure_of(claim: Claim, drawn: set[str]) -> str:
+    """The chart's name, empty where there is none."""
+    begins = next((names for begin, names in _FIGURES.items() if claim.id.startswith(begin)), ())
+    return next((name for name in (witness_name(claim.id), *begins) if name in drawn), "")
 
 
 _GROUPS = {
@@ -274,7 +303,7 @@ def _witnesses(report: Report) -> Section:
             if claim.witness.kind != "noise":  # that is a word of hundreds of numbers, for `simulate --witness`
                 blocks += _arcs(claim.witness, report)
                 blocks += _data(claim.witness)
-            blocks += [Picture(chart) for chart in report.charts if chart.name == witness_name(claim)]
+            blocks += [Picture(chart) for chart in report.charts if chart.name == witness_name(claim.id)]
             if claim.witness.kind in ("constant", "switching", "box", "noise"):
                 blocks.append(Listing((f"cdobs simulate {quote(report.spec_path)} --witness {claim.id}",)))
     return Section("Counterexamples", tuple(blocks))
@@ -324,6 +353,10 @@ def _arcs(witness: Witness, report: Report) -> tuple[Block, ...]:
 def _simulation(report: Report) -> Section:
     if report.run is None:
         return Section("Simulation", ())
+    if report.design.outcome == "none":
+        alone = Paragraph("There is no observer to run: this is the plant by itself.")
+        pictures = (Picture(chart) for chart in report.charts if chart.name in _SIMULATION_CHARTS)
+        return Section("Simulation", (*_signals(report), alone, *pictures))
     overall, runs = report.run.overall, report.run.summaries
     rows = [_run_row(str(index + 1), summary, report.labels) for index, summary in enumerate(runs[:MAX_RUN_ROWS])]
     if len(runs) > 1:
@@ -375,7 +408,10 @@ def _exhibits(report: Report) -> Section:
     if front is not None:
         blocks.append(_table(report.labels.table(front)))
     blocks += [_table(table) for table in report.exhibits.tables]
-    elsewhere = {*_SIMULATION_CHARTS, *(witness_name(claim) for claim in (report.check.claims if report.check else ()))}
+    elsewhere = {
+        *_SIMULATION_CHARTS,
+        *(witness_name(claim.id) for claim in (report.check.claims if report.check else ())),
+    }
     shown = [chart for chart in report.charts if not isinstance(chart, Ladder) and chart.name not in elsewhere]
     return Section("Details of the design", (*blocks, *(Picture(chart) for chart in shown)))
 
@@ -399,9 +435,10 @@ def _reproduce(report: Report) -> Section:
     blocks: list[Block] = [Listing((f"cdobs run {quote(report.spec_path)}", f"cdobs check {quote(report.spec_path)}"))]
     if report.digests:
         rows: tuple[tuple[Cell, ...], ...] = tuple((name, Code(digest)) for name, digest in report.digests.items())
-        blocks.append(Grid(("artefact", "sha256"), rows))
+        blocks.append(Grid(("artefact", "sha256"), rows, "Artefacts", is_folded=True))
     if report.versions:
-        blocks.append(Grid(("software", "version"), tuple(report.versions.items())))
+        versions: tuple[tuple[Cell, ...], ...] = tuple((name, Code(one)) for name, one in report.versions.items())
+        blocks.append(Grid(("software", "version"), versions, "Software", is_folded=True))
     solver = report.design.solver
     if solver is not None:
         how = f"{solver.name} {solver.version} ({solver.status}, {solver.iterations} iterations)"

@@ -36,10 +36,12 @@ def assumed(report: Report) -> tuple[Block, ...]:
 
 
 def _when(sensor: Sensor, law: SamplingLaw, unit: str) -> str:
+    if sensor.step is None:
+        apart = f"{law.time(sensor.least or sensor.every)} to {law.time(sensor.every)} {unit} after the time before"
+        return f"read again and again, {apart}, the first so long after 0, at instants that are known"
+    if sensor.is_free:
+        return f"read at multiples of {law.time(sensor.step)} {unit}, exactly then"
     period, first = (str(law.time(share)) for share in (sensor.every, sensor.offset))
-    if sensor.least is not None:
-        apart = f"{law.time(sensor.least)} to {period} {unit} after the time before"
-        return f"read again and again, {apart}, at instants that are known"
     return f"read every {period} {unit}, first at {first} {unit}, exactly then"
 
 

@@ -7,8 +7,12 @@ from hashlib import sha256
 from importlib.resources import files
 
 from cdobs_cli import printable
+from cdobs_cli.report.palette import variables
 
-STYLE = files("cdobs_cli.report").joinpath("style.css").read_text(encoding="utf-8")
+STYLE = f"""\
+:root {{ {variables(dark=False)} }}
+@media screen and (prefers-color-scheme: dark) {{ :root {{ {variables(dark=True)} }} }}
+{files("cdobs_cli.report").joinpath("style.css").read_text(encoding="utf-8")}"""
 
 
 def page(title: str, body: str, *, wide: bool = False, script: str = "", images: str = "data:") -> str:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from fractions import Fraction
 from itertools import islice
 
-from cdobs_cli.exact.expression import ZERO, Expression, Variable
+from cdobs_cli.exact.expression import ZERO, Call, Expression, Number, Variable
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.hybrid import Observer
 from cdobs_cli.plant import Plant, TypedDynamics, weighted
@@ -80,9 +81,9 @@ def flow_equations(observer: Observer) -> tuple[Equation, ...]:
     return _equations(map(dotted, map(name_formula, observer.states)), observer.flow)
 
 
-def jump_equations(observer: Observer, number: int = 0) -> tuple[Equation, ...]:
+def jump_equations(observer: Observer, outputs: int, number: int = 0) -> tuple[Equation, ...]:
     """The observer at a sample, or at the one of this number; states that do not jump are left out."""
-    rows = observer.jumps[number] if observer.jumps else observer.jump
+    rows = [one.substitute(_alone(outputs)) for one in (observer.jumps[number] if observer.jumps else observer.jump)]
     jumps = {name: jump for name, jump in zip(observer.states, rows, strict=True) if jump != Variable(name)}
     return _equations(map(after_jump, map(name_formula, jumps)), jumps.values())
 
@@ -94,12 +95,37 @@ def held_equations(observer: Observer) -> tuple[Equation, ...]:
 
 def signal_equations(signals: Mapping[str, Expression], outputs: int) -> tuple[Equation, ...]:
     """The inputs of a simulation, over time, estimates and the last measurement."""
-    alone = {"y.0": Variable("y")} if outputs == 1 else {}
-    return _equations(map(name_formula, signals), (signal.substitute(alone) for signal in signals.values()))
+    shown = (signal.substitute(_alone(outputs)) for signal in signals.values())
+    return _equations(map(name_formula, signals), shown)
+
+
+def _alone(outputs: int) -> dict[str, Expression]:
+    """The only output has no number."""
+    return {"y.0": Variable("y")} if outputs == 1 else {}
 
 
 def _equations(left: Iterable[Formula], right: Iterable[Expression]) -> tuple[Equation, ...]:
-    return tuple(Equation(name, formula(one)) for name, one in islice(zip(left, right, strict=False), MAX_EQUATIONS))
+    pairs = islice(zip(left, right, strict=False), MAX_EQUATIONS)
+    return tuple(Equation(name, formula(cancelled(one))) for name, one in pairs)
+
+
+def cancelled(expression: Expression) -> Expression:
+    """The sum without what it adds and takes away again: x + (y - x) is y. As it stands where nothing cancels."""
+    if expression.size > typeset.MAX_OPERATIONS or expression.depth > typeset.MAX_DEPTH:
+        return expression
+    weights: dict[Expression, Fraction] = {}
+    pending = [(expression, Fraction(1))]
+    while pending:
+        node, weight = pending.pop()
+        if isinstance(node, Call) and node.function == "add":
+            pending += [(child, weight) for child in reversed(node.children)]
+        elif isinstance(node, Call) and node.function == "multiply" and isinstance(node.children[0], Number):
+            pending.append((node.children[1], weight * node.children[0].value))
+        else:
+            weights[node] = weights.get(node, Fraction(0)) + weight
+    if all(weights.values()):
+        return expression
+    return sum((Number(weight) * node for node, weight in weights.items() if weight), ZERO)
 
 
 def gain_equations(gain: Mapping[str, ExactMatrix]) -> tuple[Equation, ...]:

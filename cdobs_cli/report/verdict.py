@@ -19,7 +19,7 @@ _SETTLED = 100.0  # an error that has fallen to a hundredth counts as gone
 _STATES = 4  # whose errors a sentence tells
 _DIGITS = 4
 # Of the headline's bounds those whose period is that of the sampling law.
-_PERIODS = {"period_max": "the gain", "period_max_any_gain": "some gain", "guaranteed_period": "the observer"}
+_PERIODS = ("period_max", "period_max_any_gain", "guaranteed_period")
 
 
 def words(report: Report) -> tuple[str, ...]:
@@ -119,7 +119,7 @@ def _settling(report: Report) -> str:
     if math.isinf(rate):
         return ""
     time = math.log(_SETTLED * max(factor, 1.0)) / rate
-    return f" (to 1 % within {duration(repr(time), report.labels.time, digits=2, up=True)}{noisy})"
+    return f" (to 1 % within {duration(repr(time), report.labels.time, digits=2)}{noisy})"
 
 
 def _reach(report: Report) -> str:
@@ -131,25 +131,28 @@ def _reach(report: Report) -> str:
     if name not in _PERIODS or law.is_updated != (name == "guaranteed_period"):
         return ""
     unit, (proved, refuted) = bound.unit, ends_text(bound)
-    which = "The shortest sensor's period" if law.has_sensors else "The longest time between samples"
-    which = "The period" if law.is_periodic or law.is_lossy or law.is_random else which
+    known = law.is_periodic or law.is_lossy or law.is_random
+    which = "The longest period proved is" if known else "The longest time between samples proved is"
+    if law.has_sensors:
+        which = "With all periods in proportion, the shortest of them is proved up to"
     if bound.proved is None:
-        told = f"No period is proved; from {duration(refuted, unit)} on {_fails(name, bound)}"
+        told = f"No period is proved; from {duration(refuted, unit)} on {_fails(report, name, bound)}"
         return f"{told}." if bound.refuted is not None else ""
     if proved == "∞":
         return "No period is too long: the error decays by itself between samples."
-    reach = f"{which} for which this is proved is at most {duration(proved, unit)}"
+    reach = f"{which} {duration(proved, unit)}"
     if name == "guaranteed_period":
         return f"At least {duration(proved, unit)} pass from one sample to the next."
     if bound.refuted is None:
         return f"{reach}; none is known for which it fails."
-    return f"{reach}; at {duration(refuted, unit)} {_fails(name, bound)}."
+    return f"{reach}; at {duration(refuted, unit)} {_fails(report, name, bound)}."
 
 
-def _fails(name: str, bound: Bound) -> str:
+def _fails(report: Report, name: str, bound: Bound) -> str:
     if name == "period_max_any_gain":
         return "every gain fails"
-    return "it fails (a counterexample can be replayed)"
+    replayed = name == "period_max" and report.design.counterexample(bound.refuted) is not None
+    return f"it fails{' (a counterexample can be replayed)' if replayed else ''}"
 
 
 def _accuracy(report: Report) -> str:
@@ -189,23 +192,24 @@ def _assumed(report: Report) -> Iterator[str]:
     yield from (condition if condition.endswith(".") else f"{condition}." for condition in report.conditions)
 
 
-def duration(text: str, unit: str, digits: int = _DIGITS, up: bool = False) -> str:
-    """A time in a unit that suits it, where it is in seconds: `20 ms`, `35 min`. Long texts are rounded, up or down."""
+def duration(text: str, unit: str, digits: int | None = None) -> str:
+    """A time in a unit that suits it, where it is in seconds: `20 ms`, `35 min`. Rounded up to so many digits, where
+    any are given; ends of a bracket have been rounded to their own side."""
     value = float_or_none(text)
     if value is None or unit != SECONDS or not math.isfinite(value) or value == 0:
-        return f"{_short(text, digits, up=up)} {unit}"
+        return f"{_short(text, digits)} {unit}"
     for name, size, least in (("h", "3600", 7200), ("min", "60", 300), ("s", "1", 0.1), ("ms", "0.001", 1e-4)):
         if value >= least:
             scaled = format(Decimal(text) / Decimal(size), "f")
             if name in ("s", "ms") or len(scaled.rstrip("0")) <= 8:
-                return f"{_short(scaled, digits, up=up)} {name}"
-    return f"{_short(format(Decimal(text) * 10**6, 'f'), digits, up=up)} µs"
+                return f"{_short(scaled, digits)} {name}"
+    return f"{_short(format(Decimal(text) * 10**6, 'f'), digits)} µs"
 
 
-def _short(text: str, digits: int, *, up: bool) -> str:
+def _short(text: str, digits: int | None) -> str:
     value = float_or_none(text)
     if value is None:
         return text
-    if math.isfinite(value) and len(text.replace(".", "").strip("0")) <= 8 and not up:
-        return text.rstrip("0").rstrip(".") if "." in text else text
-    return end_text(text, digits if up else max(digits, 6), up=up)
+    if digits is not None or not math.isfinite(value):
+        return end_text(text, digits or _DIGITS, up=True)
+    return text.rstrip("0").rstrip(".") if "." in text else text

@@ -35,9 +35,9 @@ def witness_chart(claim: Claim) -> Chart:
         panels.append(Panel("time (s)", name, (slope,)))
     growth = f" The error grows by {witness.multiplier} in size over it." if witness.multiplier else ""
     caption = f"The slopes of the counterexample to {claim.id} over one repetition.{growth}"
-    return Chart(witness_name(claim), "Counterexample", caption, tuple(panels))
+    return Chart(witness_name(claim.id), "Counterexample", caption, tuple(panels))
 
 
-def witness_name(claim: Claim) -> str:
-    """The chart's file name."""
-    return "witness_" + "".join(character if character.isalnum() else "_" for character in claim.id)
+def witness_name(claim: str) -> str:
+    """The file name of the chart of a claim's counterexample."""
+    return "witness_" + "".join(character if character.isalnum() else "_" for character in claim)

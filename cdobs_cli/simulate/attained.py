@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from cdobs_cli.arrays import Array
 from cdobs_cli.certificate import Witness
 from cdobs_cli.certify.adversary import KIND, NoisyWord
-from cdobs_cli.certify.falsify import is_about
+from cdobs_cli.certify.words import is_about
 from cdobs_cli.errors import UsageError
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.numbers import Exact

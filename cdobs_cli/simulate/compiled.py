@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from cdobs_cli.arrays import Array, Integers
-from cdobs_cli.codegen import PRELUDE, c_function, number
+from cdobs_cli.codegen import c_function, number, prelude
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.simulate import dormand_prince as method
 from cdobs_cli.simulate import trigger
@@ -95,15 +95,17 @@ def source(loop: ClosedLoop, limits: Limits) -> str:
         tuple(loop.signals.noise.values()),
         {f"draw.{k}": f"draw[{k}]" for k in range(len(loop.signals.draws))},
     )
-    return "\n".join([
-        PRELUDE, *(f"#define {name} {value}" for name, value in _sizes(layout).items()), "",
+    engine = Path(__file__).with_name("engine.c").read_text(encoding="ascii")
+    code = "\n".join([
+        *(f"#define {name} {value}" for name, value in _sizes(layout).items()), "",
         written("flow", routines["flow"]), written("measure", routines["measure"], "v"),
         *(written(f"jump_{q}", jump, "m") for q, jump in enumerate(loop.jumps)), _jump(len(loop.jumps)),
         written("control", routines["control"]),
         written("trigger", routines["trigger"]), c_function("look", _STATE, look, reads),
         c_function("noise_of", "double t, const double *draw", noise, {"t": "t"} | draws),
-        _step(), _dense(), Path(__file__).with_name("engine.c").read_text(encoding="ascii"),
+        _step(), _dense(), engine,
     ])  # fmt: skip
+    return prelude(code) + code
 
 
 def _sizes(layout: Layout) -> dict[str, Any]:

@@ -8,25 +8,22 @@ on small arrays than on the arithmetic itself.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable
 from functools import lru_cache
-from pathlib import Path
 from types import CodeType
 from typing import Any
 
 import numpy as np
 
 from cdobs_cli.arrays import Array
+from cdobs_cli.tableau import TABLEAU
 
 ORDER = 8
 RTOL = 1e-11
 ATOL = 1e-12  # of the size a state has reached
 # A state that is small beside the others is resolved down to this share of the largest: below it lies rounding.
 SMALLEST_SHARE = 1e-2
-# What each of these is stands in the file.
-TABLEAU: dict[str, Any] = json.loads(Path(__file__).with_name("dop853.json").read_text(encoding="utf-8"))
 C, A, E5, E3, D = (TABLEAU[name] for name in ("C", "A", "E5", "E3", "D"))
 C_EXTRA, A_EXTRA = TABLEAU["C_extra"], TABLEAU["A_extra"]
 _A, _A_EXTRA = ([np.array(row) for row in rows] for rows in (A, A_EXTRA))

@@ -88,7 +88,8 @@ class _LongPattern(Walker):
 
 
 class _OutOfStep(Walker):
-    """Sensors that keep no step: the time to the next sample of each is drawn between its ends."""
+    """Sensors that keep no step: the time to the next sample of each is drawn between its ends; of one that keeps
+    a step of its own how many of its samples are lost."""
 
     def __init__(self, law: SamplingLaw, draws: Draws, runs: int) -> None:
         super().__init__(law, draws, runs)
@@ -96,6 +97,8 @@ class _OutOfStep(Walker):
         names = [sensor.name for sensor in law.sensors]
         self.least = np.array([float(one.every if one.least is None else one.least) for one in law.sensors])
         self.most = np.array([float(one.every) for one in law.sensors])
+        self.in_step = [one.step is not None for one in law.sensors]
+        self.lost = [one.lost for one in law.sensors]
         self.last, self.next = np.zeros((count, runs)), np.zeros((count, runs))  # in shortest periods
         self.sources = np.array([edge.source for edge in edges])
         self.targets = np.array([edge.target for edge in edges])
@@ -111,7 +114,11 @@ class _OutOfStep(Walker):
             due = runs if index == 0 else runs[self.next[s, runs] <= self.last[s, runs]]
             if not due.size:
                 continue
-            gap = self.least[s] + (self.most[s] - self.least[s]) * self.share(s, due)
+            share = self.share(s, due)
+            if self.in_step[s]:
+                gap = self.least[s] * (1 + np.minimum(np.floor(share * (self.lost[s] + 1)), self.lost[s]))
+            else:
+                gap = self.least[s] + (self.most[s] - self.least[s]) * share
             self.next[s, due] = self.last[s, due] + gap
         sensor = np.argmin(self.next[:, runs], axis=0)
         when = self.next[sensor, runs]

@@ -70,7 +70,7 @@ def replay(inclusion: HybridInclusion, witness: Witness) -> Replay:
     """
     from scipy.linalg import expm
 
-    from cdobs_cli.certify.falsify import Word, is_about
+    from cdobs_cli.certify.words import Word, is_about
 
     if inclusion.sampling.is_random:
         raise UsageError("samples are lost by chance: the mean square of the error grows, which one run does not show")

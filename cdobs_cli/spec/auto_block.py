@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
+from pydantic import Field
+
 from cdobs_cli.errors import Problem
 from cdobs_cli.families import FAMILIES, Family
-from cdobs_cli.families.constant_gain import Objective
+from cdobs_cli.families.constant_gain import ERROR_WORDS, RATE_WORDS, WEIGHT_WORDS, Objective
 from cdobs_cli.fields import NonNegativeNumber, PositiveNumber
 from cdobs_cli.plant import Plant
 from cdobs_cli.run import SimulationPlan
@@ -23,10 +25,12 @@ class AutoBlock(Block):
     asks for the longest period."""
 
     family: Literal["auto"] = "auto"
-    objective: Objective | None = None
-    rate_at_least: NonNegativeNumber | None = None
-    error_at_most: dict[str, PositiveNumber] | None = None
-    weights: dict[str, NonNegativeNumber] | None = None
+    objective: Objective | None = Field(
+        default=None, description="What the gain is found for; each family has its own first one where left out."
+    )
+    rate_at_least: NonNegativeNumber | None = Field(default=None, description=RATE_WORDS)
+    error_at_most: dict[str, PositiveNumber] | None = Field(default=None, description=ERROR_WORDS)
+    weights: dict[str, NonNegativeNumber] | None = Field(default=None, description=WEIGHT_WORDS)
 
     @property
     def options(self) -> dict[str, Any]:

@@ -5,22 +5,30 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Annotated, Any, ClassVar
 
+from pydantic import Field
+
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.fields import ExactNumber, Through, Vector, wrong
 from cdobs_cli.plant import Box, Interval
 from cdobs_cli.spec.block import Block
+from cdobs_cli.spec.reader import flow
 
 MAX_STATES = 32
 
 
 def ordered(lower: Exact, upper: Exact) -> bool:
     """Whether lower <= upper is certain."""
-    return (upper - lower).sign() in (0, 1)
+    return lower.is_at_most(upper)
+
+
+_ENDS = {frozenset(ends): ends for ends in (("lower", "upper"), ("min", "max"), ("low", "high"), ("lo", "hi"))}
 
 
 def _two(value: Any) -> Any:
-    if isinstance(value, list | tuple) and len(value) != 2:
+    if isinstance(value, dict) and len(value) == 2 and (ends := _ENDS.get(frozenset(map(str, value)))) is not None:
+        raise wrong("two ends are expected: [lower, upper]", f"write {flow([value[end] for end in ends])}")
+    if isinstance(value, int | str | dict) or (isinstance(value, list | tuple) and len(value) != 2):
         raise wrong("two ends are expected: [lower, upper]")
     return [value.lower, value.upper] if isinstance(value, Interval) else value
 
@@ -38,8 +46,8 @@ class BoxBlock(Block):
     """lower <= . <= upper, componentwise."""
 
     required: ClassVar[tuple[str, ...]] = ("lower", "upper")
-    lower: Vector | None = None
-    upper: Vector | None = None
+    lower: Vector | None = Field(default=None, description="The lower ends, a number each.")
+    upper: Vector | None = Field(default=None, description="The upper ends, a number each.")
 
     def box(self) -> Box:
         """Once `box_problems` found nothing."""

@@ -23,8 +23,9 @@ def _ends(value: Any, info: ValidationInfo) -> Ends:
         raise wrong(_SHAPE)
     if isinstance(value, dict):
         raise wrong(_SHAPE, "write delay: [0, 0.05]")
-    parameters = context(info, "parameters")
-    low, high = (read_exact(one, parameters) for one in (value if isinstance(value, list | tuple) else (value, value)))
+    parameters, unit = context(info, "parameters"), context(info, "time_unit") or "s"
+    ends = value if isinstance(value, list | tuple) else (value, value)
+    low, high = (read_exact(one, parameters, unit) for one in ends)
     if low.sign() not in (0, 1) or high.sign() not in (0, 1):
         raise wrong("a delay that is not negative is expected", "what is known ahead of its time is a sample too")
     if (high - low).sign() not in (0, 1):

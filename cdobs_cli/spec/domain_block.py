@@ -6,7 +6,7 @@ import re
 from itertools import pairwise
 from typing import Annotated, Any
 
-from pydantic import ConfigDict, PlainValidator, ValidationInfo, WithJsonSchema
+from pydantic import ConfigDict, Field, PlainValidator, ValidationInfo, WithJsonSchema
 
 from cdobs_cli.exact.expression import Call as CallNode
 from cdobs_cli.exact.expression import Constant, Expression, Number, Power, Variable
@@ -69,7 +69,9 @@ class DomainBlock(Block):
 
     model_config = ConfigDict(extra="allow", frozen=True, arbitrary_types_allowed=True, defer_build=True)
     __pydantic_extra__: dict[str, IntervalField]
-    where: Annotated[tuple[Inequality, ...], sized(0, MAX_INEQUALITIES)] = ()
+    where: Annotated[tuple[Inequality, ...], sized(0, MAX_INEQUALITIES)] = Field(
+        default=(), description='Affine inequalities between states beside the box, such as "x2 <= x1".'
+    )
 
     def domain(self) -> Domain:
         return Domain(dict(self.__pydantic_extra__ or {}), tuple(part for parts in self.where for part in parts))

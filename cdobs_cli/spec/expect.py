@@ -50,12 +50,20 @@ class ExpectBlock(Block):
     """One expectation: a quantity, one relation, where the number comes from."""
 
     required: ClassVar[tuple[str, ...]] = ("quantity",)
-    quantity: Annotated[Text, Field(min_length=1, max_length=200)] | None = None
-    at_least: ExactNumber | None = None
-    at_most: ExactNumber | None = None
-    equals: Equal | None = None
-    tolerance: NonNegativeNumber | None = None
-    source: Annotated[Text, Field(max_length=400)] | None = None
+    quantity: Annotated[Text, Field(min_length=1, max_length=200)] | None = Field(
+        default=None,
+        description="A dotted path into check.json, such as bounds.period_max.proved or claims.convergence.status; "
+        "with design. or simulation. in front into these.",
+    )
+    at_least: ExactNumber | None = Field(default=None, description="The quantity is not below this.")
+    at_most: ExactNumber | None = Field(default=None, description="The quantity is not above this.")
+    equals: Equal | None = Field(default=None, description="The quantity is this: a number, a word, true or false.")
+    tolerance: NonNegativeNumber | None = Field(
+        default=None, description="With equals and a number: how far it may be off."
+    )
+    source: Annotated[Text, Field(max_length=400)] | None = Field(
+        default=None, description="Where the number comes from; printed with the entry."
+    )
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from pydantic import BeforeValidator, ConfigDict, Discriminator, Field, Tag
 
 from cdobs_cli.delays import Delay
 from cdobs_cli.errors import Problem
-from cdobs_cli.exact.numbers import EXACT_ZERO, Exact
+from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
 from cdobs_cli.fields import NonNegativeNumber, PositiveNumber, Rows
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.sensors import Gains, Sensor
@@ -19,6 +19,7 @@ from cdobs_cli.spec.boxes import MAX_STATES, ordered, shape_problem
 from cdobs_cli.spec.delay_field import DELAY_WORDS, DelayField, Use, delays_problems, listed, overtaking_problem
 from cdobs_cli.spec.noise_block import NoiseBlock, noise_problems
 from cdobs_cli.spec.plant_block import PlantBlock
+from cdobs_cli.spec.reader import DecimalText, flow
 from cdobs_cli.spec.sensors_block import (
     LostBlock,
     SensorsField,
@@ -37,14 +38,16 @@ from cdobs_cli.spec.sensors_block import (
 class Periodic(Block):
     """A measurement every `period`."""
 
-    period: PositiveNumber
+    period: PositiveNumber = Field(description="From each measurement to the next.")
 
 
 class Aperiodic(Block):
     """Measurements at least `min_period` and at most `max_period` apart."""
 
-    min_period: NonNegativeNumber | None = None
-    max_period: PositiveNumber
+    min_period: NonNegativeNumber | None = Field(
+        default=None, description="The least time between two measurements; 0 where left out."
+    )
+    max_period: PositiveNumber = Field(description="The longest time between two measurements.")
 
     @property
     def shortest(self) -> Exact:
@@ -55,7 +58,7 @@ class Aperiodic(Block):
 class Updated(Block):
     """The observer chooses its sampling instants."""
 
-    updated: Literal[True]
+    updated: Literal[True] = Field(description="The family updated_sampling says how the observer chooses them.")
 
 
 def _law(value: Any) -> str:
@@ -79,10 +82,17 @@ class MeasurementBlock(Block):
     """y_k = C x(t_k) + v_k, and when; or the same of each sensor."""
 
     model_config = ConfigDict(json_schema_extra={"anyOf": [{"required": ["sampling"]}, {"required": ["sensors"]}]})
-    C: Rows | None = None
-    sampling: SamplingField | None = None
-    noise: NoiseBlock | None = None
-    lost: LostBlock | None = None
+    C: Rows | None = Field(
+        default=None, description="What is measured, C x: a row for each output, a column for each state."
+    )
+    sampling: SamplingField | None = Field(
+        default=None, description="When measurements are taken: {period}, {min_period, max_period} or {updated: true}."
+    )
+    noise: NoiseBlock | None = Field(
+        default=None,
+        description="What is added to each measurement and not known: a box, or of mean 0 and a covariance.",
+    )
+    lost: LostBlock | None = Field(default=None, description="With a constant period: which samples may be lost.")
     delay: Annotated[DelayField | None, Field(description=DELAY_WORDS)] = None
     delays: Annotated[
         Use | None, Field(description="What is done on arrival: the estimate is computed again from the stamp on.")
@@ -129,12 +139,9 @@ def measurement_problems(
     if measurement.sampling is None and "sampling" not in wrong_fields:
         yield Problem(("measurement", "sampling"), "is required")
     if states is not None and measurement.C is not None:
-        p, width = measurement.C.shape
-        if width != len(states):
-            yield from shape_problem(("measurement", "C"), (p, width), (p, len(states)), "a column for each state")
-        if p > MAX_STATES:
-            yield Problem(("measurement", "C"), f"at most {MAX_STATES} rows are taken", str(p))
-    outputs = None if measurement.C is None else measurement.C.shape[0]
+        yield from _shape_of_rows(measurement.C, len(states))
+    C = without_misshapen(measurement, states).C
+    outputs = None if C is None else C.shape[0]
     if plant is not None and plant.output is not None:
         if outputs is not None and outputs != len(plant.output):
             what = "one row for each entry of plant.output is expected"
@@ -158,6 +165,26 @@ def measurement_problems(
             "else let max_period be the longest gap",
         )
         yield Problem(("measurement", "lost"), what, None, "with sampling: {period: ..}", hint)
+
+
+def _shape_of_rows(C: ExactMatrix, n: int) -> Iterator[Problem]:
+    p, width = C.shape
+    at = ("measurement", "C")
+    if p == n != width:
+        shown = flow([[DecimalText(one) for one in row] for row in zip(*C.texts(), strict=True)])
+        hint = "a row for each output, a column for each state" + (f": write C: {shown}" if shown else "")
+        what = "a matrix of another shape is expected"
+        yield Problem(at, what, f"{p} x {width}", f"{width} x {n}", hint)
+    elif width != n:
+        yield from shape_problem(at, (p, width), (p, n), "a column for each state")
+    if p > MAX_STATES:
+        yield Problem(at, f"at most {MAX_STATES} rows are taken", str(p))
+
+
+def without_misshapen(measurement: MeasurementBlock, states: tuple[str, ...] | None) -> MeasurementBlock:
+    """The block without a C that does not fit the states: how many outputs there are is then not known."""
+    misshapen = states is not None and measurement.C is not None and measurement.C.shape[1] != len(states)
+    return measurement.model_copy(update={"C": None}) if misshapen else measurement
 
 
 def _beside_sensors(measurement: MeasurementBlock, plant: PlantBlock | None) -> Iterator[Problem]:

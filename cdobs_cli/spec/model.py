@@ -24,12 +24,20 @@ from cdobs_cli.labels import SECONDS, Labels
 from cdobs_cli.plant import Plant, TypedDynamics, coordinate_names
 from cdobs_cli.run import SimulationPlan
 from cdobs_cli.spec.auto_block import AUTO, AutoBlock, Choice
-from cdobs_cli.spec.block import Block, Text, is_identifier, placed, read_block
+from cdobs_cli.spec.block import Block, Text, is_identifier, placed, read_block, unknown_key
 from cdobs_cli.spec.boxes import MAX_STATES
+from cdobs_cli.spec.elsewhere import Typed, word_for
 from cdobs_cli.spec.expect import Expectation, ExpectBlock, expect_problems, expectation
 from cdobs_cli.spec.limits import limit_problems
-from cdobs_cli.spec.measurement_block import MeasurementBlock, late, measurement_problems, sampling_law, together
-from cdobs_cli.spec.plant_block import MAX_PARAMETERS, LabelsBlock, PlantBlock, plant_problems, typed_plant
+from cdobs_cli.spec.measurement_block import (
+    MeasurementBlock,
+    late,
+    measurement_problems,
+    sampling_law,
+    together,
+    without_misshapen,
+)
+from cdobs_cli.spec.plant_block import MAX_LABEL, MAX_PARAMETERS, LabelsBlock, PlantBlock, plant_problems, typed_plant
 from cdobs_cli.spec.plant_file import read_plant_file
 from cdobs_cli.spec.reader import MAX_PROBLEMS, Document, FieldPath, read, shown
 from cdobs_cli.spec.report_block import ReportBlock
@@ -206,6 +214,8 @@ class _Loader:
 
         plant, plant_wrong = self.section(PlantBlock, root.get("plant"), "plant", context)
         measurement, measurement_wrong = self.section(MeasurementBlock, root.get("measurement"), "measurement", context)
+        plant_wrong |= _told_there(root, "plant")
+        measurement_wrong |= _told_there(root, "measurement")
         sensed = measurement is not None and (measurement.sensors is not None or "sensors" in measurement_wrong)
         if plant is not None:
             known = context["states"], context["inputs"]
@@ -213,6 +223,7 @@ class _Loader:
         labels = self.labels(root.get("plant"), plant)
         if measurement is not None:
             self.problems += measurement_problems(measurement, measurement_wrong, plant, context["states"])
+            measurement = without_misshapen(measurement, context["states"])
         if sensed:  # of sensors with a mistake nothing more is known
             right = plant is not None and not self.failed
             plant, measurement = together(plant, measurement) if right else (plant, None)
@@ -220,6 +231,7 @@ class _Loader:
         family = self.family(root.get("observer"), {**context, "states": context["coordinates"]})
         seen = {**context, "outputs": _outputs(plant, measurement)}
         simulation, simulation_wrong = self.section(SimulationBlock, root.get("simulation"), "simulation", seen)
+        simulation_wrong |= _told_there(root, "simulation")
         if simulation is not None:
             law = (
                 None
@@ -316,7 +328,9 @@ class _Loader:
         """Names for every expression below, as far as they can be read. What is wrong among them is told where
         it stands, not again at each use: None lets any name pass."""
         if not isinstance(plant, dict):
-            return {"parameters": {}, "states": None, "inputs": None, "coordinates": None}
+            return {"parameters": {}, "states": None, "inputs": None, "coordinates": None, "time_unit": SECONDS}
+        typed_unit = plant.get("time_unit")
+        time_unit = typed_unit if isinstance(typed_unit, str) and len(typed_unit) <= MAX_LABEL else SECONDS
         listed = plant.get("states")
         states = _names(list(listed) if isinstance(listed, dict) else listed, list)
         inputs = _names(plant.get("inputs") or {}, dict)
@@ -324,22 +338,28 @@ class _Loader:
         typed = plant.get("parameters")
         for name, value in list(typed.items())[: MAX_PARAMETERS + 1] if isinstance(typed, dict) else []:
             try:
-                parameters[name] = read_exact(value, dict(parameters)).expression
+                parameters[name] = read_exact(value, dict(parameters), time_unit).expression
             except PydanticCustomError as error:
-                self.tell(("plant", "parameters", name), str(error), shown(value))
+                told = (error.context or {}).get("hint")
+                self.tell(("plant", "parameters", name), str(error), shown(value), hint=told)
                 parameters[name] = Number(1)
         coordinates = states
         if plant.get("coordinates") is not None and states is not None:
             coordinates = coordinate_names(len(states), frozenset([*states, *(inputs or ()), *parameters]))
-        return {"parameters": parameters, "states": states, "inputs": inputs, "coordinates": coordinates}
+        names = {"states": states, "inputs": inputs, "coordinates": coordinates}
+        return {"parameters": parameters, "time_unit": time_unit, **names}
 
     def family(self, value: Any, context: dict[str, Any]) -> Family | AutoBlock | None:
         if value is None:
             return AutoBlock()
         if not isinstance(value, dict):
-            self.tell(("observer",), "a mapping is expected", shown(value), "family, and what it takes")
+            hint = f"write observer: {{family: {value}}}" if value in (*FAMILIES, AUTO) else None
+            self.tell(("observer",), "a mapping is expected", shown(value), "family, and what it takes", hint)
             return None
         name = value.get("family")
+        if name is None and (other := self.family_word(value)) is not None:
+            self.problems.append(other)
+            return None
         if name == AUTO:
             block: AutoBlock | None = self.block(AutoBlock, value, ("observer",), context)[0]
             return block
@@ -351,6 +371,13 @@ class _Loader:
             return None
         family: Family | None = self.block(FAMILIES[name], value, ("observer",), context)[0]
         return family
+
+    def family_word(self, value: dict[str, Any]) -> Problem | None:
+        """Another word for `family`, told in its place."""
+        for key, typed in value.items():
+            if (word_for(("observer",), key, Typed(typed), ["family"]) or ("",))[0] == "family":
+                return unknown_key(("observer",), key, ["family"], Typed(typed))
+        return None
 
     def signalled(self, inputs: tuple[str, ...] | None, family: Family | AutoBlock | None) -> tuple[str, ...] | None:
         """The inputs that need a signal: all but those that the observer itself sets; None: not known."""
@@ -387,6 +414,19 @@ class _Loader:
         except SpecError as error:
             self.problems += error.problems
             raise self.fail() from None
+
+
+# Keys in another block than theirs, where they are told: (block, key, block it belongs to).
+_MISPLACED = (
+    ("plant", "C", "measurement"), ("measurement", "output", "plant"), ("plant", "initial_state", "simulation"),
+    ("", "sampling", "measurement"),
+)  # fmt: skip
+
+
+def _told_there(root: dict[str, Any], block: str) -> set[str]:
+    """Keys of a block that were typed in another: they are not missing."""
+    holders = {"": root} | {name: one for name, one in root.items() if isinstance(one, dict)}
+    return {key for holder, key, home in _MISPLACED if home == block and key in holders.get(holder, {})}
 
 
 def _names(typed: Any, kind: type[list[Any]] | type[dict[str, Any]]) -> tuple[str, ...] | None:

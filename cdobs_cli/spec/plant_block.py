@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, Discriminator, Tag, WithJsonSchema
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Discriminator, Field, Tag, WithJsonSchema
 
 from cdobs_cli.delays import Delay
 from cdobs_cli.errors import Problem
@@ -23,6 +23,7 @@ from cdobs_cli.spec.slopes_block import SlopesField, slopes
 
 MAX_INPUTS = 16
 MAX_PARAMETERS = 100
+_NORMAL_FORM = ("A", "phi", "lipschitz")
 # Names that mean something else where a name of this kind stands.
 _MEANT = {
     ("inputs", "d"): "disturbance", ("inputs", "v"): "noise", ("states", "where"): "inequalities of a domain",
@@ -32,7 +33,9 @@ _MEANT = {
 class InputBlock(Block):
     """A known input; `range` where its values lie."""
 
-    range: IntervalField | None = None
+    range: IntervalField | None = Field(
+        default=None, description="Where its values lie: [lower, upper]. What is proved holds for all of them."
+    )
 
 
 def _formulas(*names: str, largest: int = MAX_STATES) -> Any:
@@ -43,8 +46,14 @@ class MapBlock(Block):
     """z = map(x), x = inverse(z)."""
 
     required: ClassVar[tuple[str, ...]] = ("map", "inverse")
-    map: _formulas("states") | None = None  # type: ignore[valid-type]
-    inverse: _formulas("coordinates") | None = None  # type: ignore[valid-type]
+    map: _formulas("states") | None = Field(  # type: ignore[valid-type]
+        default=None, description="z as functions of the states, one for each."
+    )
+    inverse: _formulas("coordinates") | None = Field(  # type: ignore[valid-type]
+        default=None,
+        description="The states as functions of z, named x1, x2, .. (z1, z2, .. where that is taken); that it undoes "
+        "the map is proved.",
+    )
 
 
 # Names of union members hold a space: no key of a spec is taken for one.
@@ -96,19 +105,51 @@ class PlantBlock(Block):
     With `coordinates` they are linear in these."""
 
     required: ClassVar[tuple[str, ...]] = ("states",)
-    time_unit: Label | None = None
-    states: StatesField | None = None
-    inputs: dict[Name, InputBlock | None] | None = None
-    parameters: dict[Name, Parameter] | None = None
-    A: Rows | None = None
-    phi: _formulas("coordinates", "inputs") | None = None  # type: ignore[valid-type]
-    B: Rows | None = None
-    lipschitz: SlopesField | None = None
-    domain: DomainBlock | None = None
-    disturbance: DisturbanceBlock | None = None
-    dynamics: _formulas("states", "inputs") | None = None  # type: ignore[valid-type]
-    output: _formulas("states", "inputs") | None = None  # type: ignore[valid-type]
-    coordinates: CoordinatesField | None = None
+    time_unit: Label | None = Field(
+        default=None, description="A label: every time, period and rate bears it. No number is converted."
+    )
+    states: StatesField | None = Field(
+        default=None, description="The states' names, in order; or each with the label of its unit."
+    )
+    inputs: dict[Name, InputBlock | None] | None = Field(
+        default=None, description="Inputs that the observer knows, by name: {} or {range: [lower, upper]}."
+    )
+    parameters: dict[Name, Parameter] | None = Field(
+        default=None,
+        description="Numbers by name, for use in every number and expression of the spec; one may use those above it.",
+    )
+    A: Rows | None = Field(default=None, description="The linear part of the plant, a row and a column for each state.")
+    phi: _formulas("coordinates", "inputs") | None = Field(  # type: ignore[valid-type]
+        default=None, description="The nonlinear part, an expression of states and inputs for each state."
+    )
+    B: Rows | None = Field(
+        default=None,
+        description="How inputs enter: a row for each state, a column for each input. Left out: not at all, but in "
+        "phi.",
+    )
+    lipschitz: SlopesField | None = Field(
+        default=None,
+        description="Bounds of the slopes of phi, which are proved: a row for each function, a column for each state; "
+        "or auto, which finds them.",
+    )
+    domain: DomainBlock | None = Field(
+        default=None, description="Where the slopes are claimed; everywhere where left out."
+    )
+    disturbance: DisturbanceBlock | None = Field(
+        default=None, description="What is added to xdot and not known: a box, or white of an intensity."
+    )
+    dynamics: _formulas("states", "inputs") | None = Field(  # type: ignore[valid-type]
+        default=None,
+        description="Instead of A, phi and lipschitz: xdot, an expression of states and inputs for each state.",
+    )
+    output: _formulas("states", "inputs") | None = Field(  # type: ignore[valid-type]
+        default=None, description="With dynamics, instead of C: what is measured, expressions of states and inputs."
+    )
+    coordinates: CoordinatesField | None = Field(
+        default=None,
+        description="With dynamics, where the design is made in other coordinates: lie (those of the output and its "
+        "derivatives), or a map and its inverse.",
+    )
 
 
 def plant_problems(
@@ -123,9 +164,15 @@ def plant_problems(
 
     yield from _name_problems(plant)
     if plant.dynamics is None and "dynamics" not in wrong_fields:
-        for name in ("A", "phi", "lipschitz"):
-            if getattr(plant, name) is None and name not in wrong_fields:
-                yield Problem(at(name), "is required", hint="or type the plant as `dynamics` and `output`")
+        missing = [name for name in _NORMAL_FORM if getattr(plant, name) is None and name not in wrong_fields]
+        if missing == [*_NORMAL_FORM]:
+            yield Problem(at(), "what the plant is made of is required: A, phi and lipschitz, or dynamics and output")
+            missing = []
+        elif missing == [*_NORMAL_FORM[1:]]:
+            yield Problem(at("phi"), "phi and lipschitz are required", hint=_linear(len(states or ())))
+            missing = []
+        for name in missing:
+            yield Problem(at(name), "is required", hint="or type the plant as `dynamics` and `output`")
         for name in ("output", "coordinates"):
             if getattr(plant, name) is not None:
                 yield Problem(at(name), "goes with `dynamics`, which is not given")
@@ -164,6 +211,14 @@ def plant_problems(
     if plant.disturbance is not None:
         moved = plant.coordinates is not None
         yield from disturbance_problems(plant.disturbance, at("disturbance"), n, moved=moved)
+
+
+def _linear(n: int) -> str:
+    """What a linear plant is typed with beside A."""
+    short = 0 < n <= 4  # states of which the matrix is shown
+    phi = ", ".join(['"0"'] * n) if short else '"0", ..'
+    rows = ", ".join(["[" + ", ".join("0" * n) + "]"] * n) if short else "[0, ..], .."
+    return f"of a linear plant write phi: [{phi}] and lipschitz: [{rows}]; or type `dynamics` and `output`"
 
 
 def _name_problems(plant: PlantBlock) -> Iterator[Problem]:

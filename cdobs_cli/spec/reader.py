@@ -17,6 +17,7 @@ import yaml
 
 from cdobs_cli.errors import Problem, SpecError
 from cdobs_cli.regular import IrregularError, regular_bytes
+from cdobs_cli.spec.yaml_words import plain_words
 
 MAX_BYTES = 256 * 1024
 MAX_NODES = 20_000
@@ -24,6 +25,7 @@ MAX_DEPTH = 16
 MAX_SCALAR = 4_000
 MAX_ENTRIES = 1_024
 MAX_PROBLEMS = 100
+LONGEST_FLOW = 40  # characters of a list or mapping that a message quotes
 
 FieldPath = tuple[str | int, ...]
 
@@ -90,12 +92,29 @@ class Document:
         self.problems += [replace(problem, field=at + problem.field) for problem in other.problems]
 
 
+def flow(value: Any, longest: int = LONGEST_FLOW) -> str | None:
+    """A value as it is written on one line; None where that is long."""
+    if isinstance(value, dict | list) and len(value) > longest // 3:
+        return None
+    if isinstance(value, dict):
+        entries = [(f"{name}: ", flow(one, longest)) for name, one in value.items()]
+    elif isinstance(value, list):
+        entries = [("", flow(one, longest)) for one in value]
+    else:
+        return shown(value)
+    if any(text is None for _, text in entries):
+        return None
+    told = ", ".join(f"{name}{text}" for name, text in entries)
+    told = f"{{{told}}}" if isinstance(value, dict) else f"[{told}]"
+    return told if len(told) <= longest and told.isprintable() else None
+
+
 def shown(value: Any, limit: int = 60) -> str:
     """A value as a short text for a message."""
     if isinstance(value, dict):
-        return f"a mapping of {len(value)} keys" if value else "{}"
+        return flow(value) or (f"a mapping of {len(value)} key{'s' if len(value) > 1 else ''}")
     if isinstance(value, list):
-        return f"a list of {len(value)} entries" if value else "[]"
+        return flow(value) or f"a list of {len(value)} entries"
     if value is None:
         return "null"
     if isinstance(value, bool):
@@ -118,8 +137,7 @@ def read(path: Path) -> Document:
 
 def read_text(text: str, file: str) -> Document:
     """Read YAML text; `file` is what messages name. Raises: SpecError, as `read`."""
-    if text.startswith("\ufeff"):
-        raise _refusal(file, "a byte order mark", hint="save the file as UTF-8 without BOM")
+    text = text.removeprefix("\ufeff")  # the byte order mark that some editors write
     if (bad := _FORBIDDEN.search(text)) is not None:
         line, column = _line_column(text, bad.start())
         raise _refusal(file, "a character that YAML does not allow", line, column, got=f"U+{ord(bad.group()):04X}")
@@ -128,8 +146,9 @@ def read_text(text: str, file: str) -> Document:
         reading.read()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        what = f"not YAML: {error.problem or error.context}"
-        raise reading.stop(what, (mark.line + 1, mark.column + 1) if mark else (1, 1)) from None
+        stopped = _line(text, mark.line) if mark else ""
+        what, hint = plain_words(str(error.problem or error.context), stopped)
+        raise reading.stop(what, (mark.line + 1, mark.column + 1) if mark else (1, 1), hint=hint) from None
     except (yaml.YAMLError, ValueError, OverflowError, IndexError, TypeError, AttributeError) as error:
         # PyYAML lets a few errors of its own through, e.g. for "\U99999999" in double quotes.
         what = str(error).splitlines()[0][:100] if str(error) else "unreadable"
@@ -175,8 +194,17 @@ def _decode(file: str, data: bytes) -> str:
         raise _refusal(file, "the file is not UTF-8", line, column, got=f"byte 0x{data[error.start]:02X}") from None
 
 
+_LINE_ENDS = "\r\n|\r|\n"
+
+
+def _line(text: str, index: int) -> str:
+    """A line of the text, from 0; empty behind its end."""
+    lines = re.split(_LINE_ENDS, text, maxsplit=index + 1)
+    return lines[index] if index < len(lines) else ""
+
+
 def _line_column(text: str, position: int) -> tuple[int, int]:
-    before = re.split("\r\n|\r|\n", text[:position])
+    before = re.split(_LINE_ENDS, text[:position])
     return len(before), len(before[-1]) + 1
 
 
@@ -192,10 +220,13 @@ class _Reading:
     def here(self) -> Place:
         return Place(self.document.file, *self.last)
 
-    def stop(self, what: str, at: tuple[int, int], *, allowed: str | None = None, got: str | None = None) -> SpecError:
+    def stop(
+        self, what: str, at: tuple[int, int], *,
+        allowed: str | None = None, got: str | None = None, hint: str | None = None,
+    ) -> SpecError:  # fmt: skip
         """An error that ends the reading, with those gathered before it."""
         path = self.around[-1] if self.around else ()
-        problem = Problem(path, what, got, allowed, None, self.document.file, *at)
+        problem = Problem(path, what, got, allowed, hint, self.document.file, *at)
         return SpecError((*self.document.problems, problem))
 
     def refuse(self, path: FieldPath, what: str, **more: str | None) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
+from pydantic import Field
+
 from cdobs_cli.fields import sized
 from cdobs_cli.spec.block import Block
 
@@ -13,4 +15,6 @@ Format = Literal["svg", "png", "pdf"]
 class ReportBlock(Block):
     """figures: the formats of every figure; SVG, which the pages show, is always drawn."""
 
-    figures: Annotated[tuple[Format, ...], sized(1, 3)] = ("svg",)
+    figures: Annotated[tuple[Format, ...], sized(1, 3)] = Field(
+        default=("svg",), description="Which files are written of each figure, beside the SVG that the pages show."
+    )

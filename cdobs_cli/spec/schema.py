@@ -17,6 +17,7 @@ from cdobs_cli.spec.simulation_block import SimulationBlock
 
 DRAFT = "http://json-schema.org/draft-07/schema#"
 _TEMPLATE = "#/definitions/{model}"
+_FAMILY = "The kind of observer; auto takes, of the kinds that fit, the one that does best, and says why."
 
 
 def json_schema() -> dict[str, Any]:
@@ -30,26 +31,42 @@ def json_schema() -> dict[str, Any]:
     for name, definition in definitions.items():
         _require(name, definition)
     plant_file = {
-        "type": "object", "properties": {"file": {"type": "string"}}, "required": ["file"],
-        "additionalProperties": False, "description": "The plant in a file of its own, e.g. pendulum.plant.yaml.",
+        "type": "object", "required": ["file"], "additionalProperties": False,
+        "properties": {"file": {"type": "string", "description": "Its name, in the folder of the spec or below."}},
+        "description": "The plant in a file of its own, e.g. pendulum.plant.yaml.",
     }  # fmt: skip
     for family, block in families.items():
         definition = definitions[refs[block]["$ref"].rsplit("/", 1)[1]]
-        definition["properties"]["family"] = {"const": family}
+        definition["properties"]["family"] = {"const": family, "description": _FAMILY}
         definition["required"] = sorted({*definition.get("required", []), "family"})
     return {
         "$schema": DRAFT, "title": "cdobs spec", "type": "object",
         "properties": {
-            "spec_version": {"const": 1}, "title": {"type": "string", "maxLength": 200},
-            "plant": {"anyOf": [refs[PlantBlock], plant_file]}, "measurement": refs[MeasurementBlock],
-            "observer": _by_family(refs, families),
-            "simulation": {"anyOf": [refs[SimulationBlock], {"type": "null"}]},
-            "report": {"anyOf": [refs[ReportBlock], {"type": "null"}]},
-            "expect": {"anyOf": [{"type": "array", "items": refs[ExpectBlock]}, {"type": "null"}]},
+            "spec_version": _said("Of this format.", {"const": 1}),
+            "title": _said("Of reports; the file's name where left out.", {"type": "string", "maxLength": 200}),
+            "plant": _said("What is observed.", {"anyOf": [refs[PlantBlock], plant_file]}),
+            "measurement": _said("What is measured, and when.", {"allOf": [refs[MeasurementBlock]]}),
+            "observer": _said(
+                "The kind of observer and what is wanted of it; left out: family auto.", _by_family(refs, families)
+            ),
+            "simulation": _said("What is run; nothing where left out.", _or_null(refs[SimulationBlock])),
+            "report": _said("What is drawn.", _or_null(refs[ReportBlock])),
+            "expect": _said(
+                "What must hold, for the exit code to be 0; that all is proved, where left out.",
+                _or_null({"type": "array", "items": refs[ExpectBlock]}),
+            ),
         },
         "required": ["spec_version", "plant", "measurement"], "additionalProperties": False,
         "definitions": definitions,
     }  # fmt: skip
+
+
+def _said(words: str, part: dict[str, Any]) -> dict[str, Any]:
+    return {"description": words, **part}
+
+
+def _or_null(part: dict[str, Any]) -> dict[str, Any]:
+    return {"anyOf": [part, {"type": "null"}]}
 
 
 def _require(name: str, definition: dict[str, Any]) -> None:
@@ -81,5 +98,5 @@ def _by_family(refs: dict[type[Any], Any], families: Mapping[str, type[Any]]) ->
     told = {"type": "object", "required": ["family"]}
     known = {name: told | {"properties": {"family": {"const": name}}} for name in families}
     branches = [{"if": known[name], "then": refs[block]} for name, block in families.items()]
-    names = {"family": {"enum": list(families)}}
+    names = {"family": {"enum": list(families), "description": _FAMILY}}
     return {"type": ["object", "null"], "required": ["family"], "properties": names, "allOf": branches}

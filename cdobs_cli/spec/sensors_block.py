@@ -21,7 +21,7 @@ from cdobs_cli.spec.block import Block, Name
 from cdobs_cli.spec.boxes import MAX_STATES, ordered, shape_problem
 from cdobs_cli.spec.delay_field import DELAY_WORDS, DelayField
 from cdobs_cli.spec.noise_block import NoiseBlock, noise_problems
-from cdobs_cli.spec.reader import FieldPath
+from cdobs_cli.spec.reader import DecimalText, FieldPath, flow
 from cdobs_cli.thresholds import Threshold
 
 AT: FieldPath = ("measurement", "sensors")
@@ -89,7 +89,8 @@ class SensorBlock(Block):
         """Whether its least period is above its longest."""
         if self.min_period is None or self.max_period is None:
             return False
-        return not ordered(self.min_period, self.max_period)
+        share = share_of(self.min_period, self.max_period)
+        return not ordered(self.min_period, self.max_period) if share is None else share > 1
 
     @property
     def most_lost(self) -> int:
@@ -136,25 +137,49 @@ def _rewritten(k: int, entry: Any) -> str:
 
 
 def _text(value: Any) -> str:
-    if isinstance(value, list):
-        return f"[{', '.join(map(_text, value))}]"
-    return ".." if value is None or isinstance(value, dict) else str(value)[:40]
+    return ".." if value is None or isinstance(value, dict) else flow(value) or ".."
 
 
 SensorsField = Annotated[dict[Name, SensorBlock], BeforeValidator(_named)]
 
 
 def one_law(value: Any, info: ValidationInfo) -> Any:
-    """A list of sampling laws is refused, and shown as sensors; a list of instants, and shown as an interval."""
-    if isinstance(value, dict) and "times" in value:
-        raise _listed(value["times"])
+    """A list of sampling laws is refused, and shown as sensors; a list of instants, and shown as an interval; keys of
+    two laws at once."""
+    if isinstance(value, dict):
+        if (instants := next((name for name in _INSTANTS if name in value), None)) is not None:
+            raise _listed(value[instants])
+        _refuse_two_laws(value)
     if not isinstance(value, list):
         return value
+    if value and not any(isinstance(one, dict | list) for one in value):
+        raise _ends_of(value) if len(value) == 2 else _listed(value)
     C = info.data.get("C")
-    rows = C.texts() if C is not None and C.shape[0] == len(value) else [[".."]] * len(value)
-    sensors = [_rewritten(k, {"C": [rows[k]], "sampling": law}) for k, law in enumerate(value)]
+    rows = C.texts() if C is not None and C.shape[0] == len(value) else None
+    listed = [None if rows is None else [[DecimalText(one) for one in row]] for row in rows or value]
+    sensors = [_rewritten(k, {"C": listed[k], "sampling": law}) for k, law in enumerate(value)]
     what = "one law for all outputs is expected; outputs with periods of their own are sensors"
     raise wrong(what, f"write, for C and sampling, sensors: {{{', '.join(sensors)}}}")
+
+
+_INSTANTS = ("times", "instants", "timestamps", "t_k", "sampling_times", "sample_times")
+
+
+def _refuse_two_laws(value: dict[str, Any]) -> None:
+    """A constant period, an interval of periods, and instants that the observer chooses exclude one another."""
+    laws = [
+        f"{{{', '.join(f'{name}: {_text(value[name])}' for name in names if name in value)}}}"
+        for names in (("period",), ("min_period", "max_period"), ("updated",))
+        if any(name in value for name in names)
+    ]
+    if len(laws) > 1:
+        raise wrong(f"one law is expected, these are {len(laws)}", f"write sampling: {', or sampling: '.join(laws)}")
+
+
+def _ends_of(ends: list[Any]) -> Exception:
+    """Two numbers may be the ends of an interval of periods."""
+    low, high = map(_text, ends)
+    return wrong("a mapping is expected", f"write sampling: {{min_period: {low}, max_period: {high}}}")
 
 
 def _listed(times: Any) -> Exception:
@@ -241,7 +266,10 @@ def _problems_of_times(sensor: SensorBlock, at: FieldPath) -> Iterator[Problem]:
             what = "min_period is above max_period"
             yield Problem((*at, "min_period"), what, str(sensor.min_period), f"at most {sensor.max_period}")
         if sensor.offset is not None:
-            what, hint = "goes with a period", "a sensor that keeps no step is read first when it likes"
+            what, hint = (
+                "goes with a period",
+                "a sensor that keeps no step is read first between min_period and max_period after the time 0",
+            )
             yield Problem((*at, "offset"), what, hint=hint)
         if sensor.lost is not None:
             hint = "else let max_period be the longest gap"
@@ -365,7 +393,7 @@ def schedule(sensors: Mapping[str, SensorBlock]) -> list[Sensor]:
         if every is None or offset is None or between is None:
             continue
         listed.append(
-            Sensor(name, outputs, every, least=between)
+            Sensor(name, outputs, every, lost=sensor.most_lost, least=between)
             if free
             else Sensor(name, outputs, every, offset, sensor.most_lost)
         )

@@ -64,8 +64,16 @@ class SignalsBlock(Block):
 
     model_config = ConfigDict(extra="allow", frozen=True, arbitrary_types_allowed=True, defer_build=True)
     __pydantic_extra__: dict[str, InputSignal]
-    d: Annotated[tuple[OfTime, ...], sized(1, MAX_STATES)] | None = None
-    v: Annotated[tuple[Noise, ...], sized(1, MAX_STATES)] | None = None
+    d: Annotated[tuple[OfTime, ...], sized(1, MAX_STATES)] | None = Field(
+        default=None,
+        description="The disturbance, an expression of t for each state, within what is declared; drawn where left "
+        "out.",
+    )
+    v: Annotated[tuple[Noise, ...], sized(1, MAX_STATES)] | None = Field(
+        default=None,
+        description="The noise of each output, an expression of t, also with uniform(lower, upper) and "
+        "normal(deviation); drawn where left out.",
+    )
 
     @property
     def inputs(self) -> dict[str, Expression]:
@@ -77,14 +85,29 @@ class SimulationBlock(Block):
     """One run from `initial_state`, or `runs` from `initial_box`."""
 
     required: ClassVar[tuple[str, ...]] = ("horizon",)
-    horizon: PositiveNumber | None = None
-    initial_state: Vector | None = None
-    initial_box: BoxBlock | None = None
-    initial_estimate: Vector | None = None
-    runs: Annotated[int, Field(strict=True, ge=1, le=MAX_RUNS)] = 1
-    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = 0
-    signals: SignalsBlock | None = None
-    sampling_times: Annotated[Expression, formula("t_k")] | None = None
+    horizon: PositiveNumber | None = Field(default=None, description="How long is simulated, from t = 0.")
+    initial_state: Vector | None = Field(default=None, description="Where the plant starts, a number for each state.")
+    initial_box: BoxBlock | None = Field(
+        default=None,
+        description="Instead: where it may start. Runs start at random in it; transients are proved from all of it.",
+    )
+    initial_estimate: Vector | None = Field(
+        default=None, description="Where the estimate starts; the middle of initial_box, or 0, where left out."
+    )
+    runs: Annotated[int, Field(strict=True, ge=1, le=MAX_RUNS)] = Field(
+        default=1, description="How many runs there are, each with draws of its own."
+    )
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**63)] = Field(
+        default=0, description="Of all draws: the same seed gives the same runs."
+    )
+    signals: SignalsBlock | None = Field(
+        default=None, description="What the inputs are, and the disturbance and noise where they are not to be drawn."
+    )
+    sampling_times: Annotated[Expression, formula("t_k")] | None = Field(
+        default=None,
+        description="The time from the sample at t_k to the next, an expression of t_k within the sampling law; drawn "
+        "where left out.",
+    )
     delays: Annotated[
         Literal["random", "latest"] | None,
         Field(description="Of late measurements: drawn uniformly from their intervals, or as late as may be."),

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, PlainValidator, Tag, ValidationInfo, WithJsonSchema
+from pydantic import BeforeValidator, Discriminator, PlainValidator, Tag, ValidationInfo, WithJsonSchema
 
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
-from cdobs_cli.fields import context, read_exact, sized, wrong
+from cdobs_cli.fields import NAME, context, read_exact, rows_of, sized, wrong
 from cdobs_cli.plant import Slopes
 from cdobs_cli.spec.boxes import MAX_STATES, ordered
 
@@ -37,10 +37,10 @@ _SLOPE_SCHEMA = {
 }
 SlopeEntry = Annotated[Any, PlainValidator(_slope), WithJsonSchema(_SLOPE_SCHEMA)]
 SlopeRow = Annotated[tuple[SlopeEntry, ...], sized(1, MAX_STATES)]
-SlopeTable = Annotated[tuple[SlopeRow, ...], sized(1, MAX_STATES)]
+SlopeTable = Annotated[tuple[SlopeRow, ...], sized(1, MAX_STATES), BeforeValidator(rows_of)]
 SlopesField = Annotated[
     Annotated[Literal["auto"], Tag("one word")] | Annotated[SlopeTable, Tag("slope table")],
-    Discriminator(lambda value: "slope table" if isinstance(value, list | tuple) else "one word"),
+    Discriminator(lambda value: "one word" if isinstance(value, str) and NAME.fullmatch(value) else "slope table"),
 ]
 
 

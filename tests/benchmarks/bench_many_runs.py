@@ -21,7 +21,7 @@ from scipy.integrate import solve_ivp
 from table import ONE_THREAD, cpu, row
 from test_compiled import triggered
 
-from cdobs_cli.codegen import PRELUDE
+from cdobs_cli.codegen import prelude
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate import ensemble as ensembles
 from cdobs_cli.simulate.compiled import _step
@@ -116,7 +116,8 @@ void all(const double *starts, long runs, double horizon, double T, double *ends
 
 def by_hand():
     """CPU seconds of a scalar C loop for this plant, this observer and this law, which keeps the final states alone."""
-    made = library(f"{PRELUDE}#define SIZE 4\n#define RTOL 1e-11\n{BY_HAND}{_step()}{LOOP}")
+    code = f"#define SIZE 4\n#define RTOL 1e-11\n{BY_HAND}{_step()}{LOOP}"
+    made = library(prelude(code) + code)
     starts, ends = np.random.default_rng(0).uniform(-1, 1, (RUNS, 2)), np.empty((RUNS, 4))
     pointers = [ctypes.c_void_p(one.ctypes.data) for one in (starts, ends)]
     numbers = ctypes.c_long(RUNS), ctypes.c_double(HORIZON), ctypes.c_double(T)

@@ -13,8 +13,9 @@ from scipy.linalg import expm
 
 from cdobs_cli.certificate import Witness
 from cdobs_cli.certify.adversary import attained, attains
-from cdobs_cli.certify.falsify import refute, refutes
+from cdobs_cli.certify.falsify import refute
 from cdobs_cli.certify.methods.peak.certificate import Peak
+from cdobs_cli.certify.words import refutes
 from cdobs_cli.errors import UsageError
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.families.reachability import Reachability

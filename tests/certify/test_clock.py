@@ -225,6 +225,15 @@ def test_impulsive_jumps_from_period_zero():
     assert analyse(impulsive(canonical([1, 0], periodic("1.1")), K.texts()), 1) is not None
 
 
+def test_the_pendulum_from_period_zero_is_proved_further_than_1_59():
+    """Of its constant periods the exact limit is 1.713, and 1.633 where P is of the degree of the first shapes."""
+    law = aperiodic(0, "1.59")
+    question = Question(impulsive(canonical([1, 0], law), [[0], [0]]), effort=1)
+    met = ImpulsiveGain().at(question)
+    assert met is not None and met.law == law
+    assert met.method.prove(question.with_gain({"K": met.gain})).holds
+
+
 def test_from_zero_what_is_kept_is_not_coupled_with_what_is_lost():
     """P(0) - J'P(0)J has a zero block there: any coupling makes it indefinite at tau = 0, however small."""
     law = aperiodic(0, "0.4")

@@ -6,9 +6,10 @@ from example_inclusions import aperiodic, canonical, held, impulsive, periodic, 
 
 from cdobs_cli.certificate import Witness
 from cdobs_cli.certify.bracket import smallest_refuted
-from cdobs_cli.certify.falsify import refute, refutes
+from cdobs_cli.certify.falsify import refute
 from cdobs_cli.certify.floats import exponentials
 from cdobs_cli.certify.methods.planar.extremals import limit_of_gain, planar_class
+from cdobs_cli.certify.words import refutes
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import HybridInclusion
 

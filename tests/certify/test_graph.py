@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import replace
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -15,13 +16,14 @@ from example_inclusions import canonical, impulsive, plant
 from scipy.linalg import expm
 
 from cdobs_cli.certificate import Witness
-from cdobs_cli.certify.falsify import Word, prove, refute, refutes
+from cdobs_cli.certify.falsify import refute
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.graph import ClockGraph
 from cdobs_cli.certify.methods.clock.graph_design import GraphGain, design_graph
 from cdobs_cli.certify.methods.clock.graph_size import GraphPeak, sums
 from cdobs_cli.certify.methods.counterexample import Counterexample
 from cdobs_cli.certify.walks import walks
+from cdobs_cli.certify.words import Word, prove, refutes
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.graph import MAX_NODES, graph
 from cdobs_cli.hybrid import corrected_copy_noise
@@ -275,6 +277,42 @@ def test_words_are_ways_that_sensors_can_go() -> None:
     assert not SamplingLaw.periodic(h).repeats([h], [0])
 
 
+def test_sensors_that_keep_a_step_have_begun_together() -> None:
+    """Beside one that keeps none: read at multiples of their periods, and lost whole numbers of times."""
+    free = Sensor("c", (2,), F(3), least=F(1))
+    rigid = [Sensor("a", (0,), F(1), least=F(1)), Sensor("b", (1,), F(3, 2), least=F(3, 2)), free]
+    lost = [Sensor("a", (0,), F(1), least=F(1)), Sensor("b", (1,), F(5, 2), lost=1, least=F(5, 4)), free]
+    for sensors, step in ((rigid, F(1, 2)), (lost, F(1, 4))):
+        law = SamplingLaw.multirate(Exact(1), sensors)
+        assert SamplingLaw.from_document(law.document()) == law
+        found, ages = walks(law), set()
+        assert found
+        for walk in found:
+            assert law.repeats(walk.gaps, walk.readings)
+            t, at = F(0), dict[str, list[F]]()
+            for gap, reading in zip(walk.gaps * 2, walk.readings * 2, strict=True):
+                t += gap.rational or 0
+                at.setdefault(law.readings[reading or 0].name, []).append(t)
+            assert all((a - b) % step == 0 for a in at["a"] for b in at["b"])
+            ages |= {b - a for a, b in pairwise(at["b"])}
+        assert ages <= {sensors[1].least, sensors[1].every}
+        runs, draws = np.arange(20), Draws(1, 20)
+        walk, t_k = walker(law, draws, 20), np.zeros(20)
+        for k in range(40):
+            t_k = walk.after(runs, k, t_k)
+            steps = t_k[[law.readings[r].name == "b" for r in walk.reading]] / float(sensors[1].least or 1)
+            assert np.allclose(steps, np.round(steps), atol=1e-9)
+    together = [Sensor("a", (0,), F(1), least=F(1)), Sensor("b", (1,), F(1), least=F(1))]
+    assert all(
+        len(walk.gaps) == 2 and Exact(0) in walk.gaps for walk in walks(SamplingLaw.multirate(Exact(1), together))
+    )
+    for wrong in ({"lost": 3}, {"lost": 0}):
+        entries = SamplingLaw.multirate(Exact(1), lost).document()
+        entries["sensors"][1] |= wrong
+        with pytest.raises(ValueError, match="no sensor"):
+            SamplingLaw.from_document(entries)
+
+
 def test_a_word_out_of_its_law_refutes_nothing() -> None:
     question = without_gain(canonical([1, 0, 0], lossy("0.5", 3)))
     closed = question.with_gain({"K": ExactMatrix([["1"] * 4, ["1"] * 4, ["0.5"] * 4])})
@@ -345,7 +383,7 @@ def test_sensors_with_losses_run(tmp_path: Path) -> None:
     (("period: 0.25", "min_period: 0.1, max_period: 0.25"), "offset: goes with sensors that all have a period"),
     (("period: 0.25", "min_period: 0.1, max_period: 0.25, offset: 0"), "offset: goes with a period"),
     (("at_most: 3", "probability: 0.3"), "the losses in a row are taken"),
-    (("at_most: 3", "at_most: 21"), "less than or equal to 20"),
+    (("at_most: 3", "at_most: 21"), "at most 20 is expected"),
     (("period: 0.25", "max_period: 0.25"), "min_period: is required"),
     (("period: 0.25", "period: 0.25, max_period: 0.3, min_period: 0.1"), "does not go with"),
     (("period: 0.25", "min_period: 0.3, max_period: 0.25"), "min_period is above max_period"),

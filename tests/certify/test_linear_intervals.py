@@ -18,11 +18,12 @@ from linear_loops import ZERO, largest_product, loops
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify import taylor
 from cdobs_cli.certify.bracket import smallest_refuted
-from cdobs_cli.certify.falsify import refute, refutes
+from cdobs_cli.certify.falsify import refute
 from cdobs_cli.certify.methods.common_quadratic import CommonQuadratic
 from cdobs_cli.certify.methods.polygon import Polygon, _sides
 from cdobs_cli.certify.sampled_error import full_rank_factors, kept_and_lost
 from cdobs_cli.certify.symmetric_power import monomials, power
+from cdobs_cli.certify.words import refutes
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact

@@ -15,13 +15,14 @@ from example_inclusions import canonical, impulsive, plant
 
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify import search
-from cdobs_cli.certify.falsify import Arc, Word, every_gain_fails_from, prove, refute, refutes
+from cdobs_cli.certify.falsify import every_gain_fails_from, refute
 from cdobs_cli.certify.floats import exponentials, spectral_radii
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.certificate import Clock, design_impulsive
 from cdobs_cli.certify.methods.counterexample import Counterexample
 from cdobs_cli.certify.methods.rung import GENERAL
 from cdobs_cli.certify.unseen import unseen
+from cdobs_cli.certify.words import Arc, Word, prove, refutes
 from cdobs_cli.exact.numbers import Exact, decimal_text
 from cdobs_cli.families.reachability import Reachability
 from cdobs_cli.sampling import SamplingLaw

@@ -16,7 +16,7 @@ from scipy.linalg import expm
 
 from cdobs_cli.certificate import Witness
 from cdobs_cli.certify import search
-from cdobs_cli.certify.falsify import Arc, Word, prove, refute, refutes
+from cdobs_cli.certify.falsify import refute
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.certificate import Clock, design_impulsive
 from cdobs_cli.certify.methods.clock.graph import ClockGraph
@@ -26,6 +26,7 @@ from cdobs_cli.certify.methods.counterexample import Counterexample
 from cdobs_cli.certify.methods.dead_beat import DeadBeat
 from cdobs_cli.certify.methods.rung import GENERAL
 from cdobs_cli.certify.unseen import unseen
+from cdobs_cli.certify.words import Arc, Word, prove, refutes
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.plant import Plant
 from cdobs_cli.sampling import SamplingLaw

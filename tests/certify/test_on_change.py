@@ -386,6 +386,20 @@ def test_messages_are_counted() -> None:
     assert 0.02 * often < count / (20000 * dt) <= often
 
 
+def test_sensors_do_not_undo_what_others_did() -> None:
+    """Two sensors that see all of the state: from ten thresholds some messages at one instant leave nothing to send."""
+    slopes = [[0, 0], ["-0.35", 0]], [[0, 0], ["0.35", 0]]
+    about = plant([["-0.33", 1], ["0.21", "-0.48"]], *slopes, [[1, 0], [0, 1]], law("0.1", "0.1"))
+    question = designed(about, effort=0)
+    K = question.gain("K").floats
+    for angle in np.linspace(0, np.pi, 9):
+        e, count = np.array([np.cos(angle), np.sin(angle)]), 0
+        while np.abs(e).max() >= 0.1:
+            i = int(np.argmax(np.abs(e)))
+            e, count = e - K[:, i] * e[i], count + 1
+            assert count <= 100
+
+
 def test_a_digit_of_the_gain_or_of_a_threshold_takes_the_proof_along() -> None:
     card, about = Reachability(), pendulum(law("0.1"), noise=box("0.01"))
     made = card.finished(about, card.synthesize(about, 1), 1)

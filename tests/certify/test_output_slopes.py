@@ -9,12 +9,13 @@ from asking import analyse, design, longest, proof, proves
 from example_inclusions import aperiodic, canonical, impulsive, periodic, plant
 from scipy.linalg import block_diag, expm
 
-from cdobs_cli.certify.falsify import refute, refutes
+from cdobs_cli.certify.falsify import refute
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.certificate import Clock
 from cdobs_cli.certify.methods.dead_beat import EveryPeriod, resets
 from cdobs_cli.certify.methods.open_loop import OpenLoop
 from cdobs_cli.certify.unseen import unseen
+from cdobs_cli.certify.words import refutes
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold
 from cdobs_cli.families.lpv_zoh.theorems import error_maps, held_maps

@@ -6,12 +6,11 @@ from asking import analyse_by, proves
 from example_inclusions import canonical, impulsive, periodic, plant
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify import falsify
-from cdobs_cli.certify.falsify import Arc, Word
 from cdobs_cli.certify.floats import exponentials
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.design import ImpulsiveGain
 from cdobs_cli.certify.methods.planar.extremals import Planar, best_gain, limit_any_gain, planar_class, switching
+from cdobs_cli.certify.words import Arc, Word, prove
 from cdobs_cli.exact.numbers import Exact, decimal_text
 
 
@@ -66,7 +65,7 @@ def test_random_canonical_pairs_are_bracketed_to_a_tenth_of_a_per_cent(seed):
         assert abs(M[1, 1] - float(K_2) * M[0, 1]) < 1
     # Just above, one of the two extremals defeats the gain.
     beyond = impulsive(canonical(c, periodic(above)), [["1"], [K_2]])
-    assert any(falsify.prove(beyond, word) is not None for word in words(beyond, Fraction(above)))
+    assert any(prove(beyond, word) is not None for word in words(beyond, Fraction(above)))
     assert analyse_by(Planar, beyond) is None
 
 
@@ -85,7 +84,7 @@ def test_unequal_slopes_and_a_reversed_chain():
     K_2 = decimal_text(float(best_gain(made(below))), 8)
     assert analyse_by(Planar, made(below, K_2)) is not None
     assert analyse_by(Planar, made(above, K_2)) is None
-    assert any(falsify.prove(made(above, K_2), word) is not None for word in words(made(above, K_2), Fraction(above)))
+    assert any(prove(made(above, K_2), word) is not None for word in words(made(above, K_2), Fraction(above)))
 
 
 def test_decay_rate():

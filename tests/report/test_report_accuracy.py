@@ -122,5 +122,5 @@ def test_the_page_holds_table_figure_and_covariance() -> None:
         and "figures/accuracy.svg" in files
         and "figures/accuracy.svg" in text.replace("(", "").split("![Accuracy]")[1]
     )
-    assert "| theta (rad) | 0.0121 | 0.0115 | 0.002 | 0.001235 | 1.62 |" in text
+    assert "| θ (rad) | 0.0121 | 0.0115 | 0.002 | 0.001235 | 1.62 |" in text
     assert "of mean 0 and the covariance R" in text

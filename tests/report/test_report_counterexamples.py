@@ -55,6 +55,7 @@ def test_an_error_that_is_never_seen() -> None:
 
 def test_other_kinds() -> None:
     assert told(Witness("noise", "class")).startswith("Slopes, disturbance and noise, repeated again and again")
+    assert told(Witness("noise", "class")).endswith("the typed one may stay below.")
     assert told(Witness("point", "plant", values=(("1", "2"),))).startswith("At one point of the domain")
     assert told(Witness("box", "plant")).startswith("A box of x(0) and a word of sampling periods")
     assert told(Witness("vector", "plant", data={"width": ["1"]})).startswith("These numbers defeat the claim.")

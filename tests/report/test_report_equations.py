@@ -8,7 +8,7 @@ from cdobs_cli.exact.expression import Variable
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.exact.parser import parse
 from cdobs_cli.report.equations import Equation, formula, latex, latex_block, mathml, mathml_block, matrix, name_formula
-from cdobs_cli.report.systems import dotted
+from cdobs_cli.report.systems import cancelled, dotted
 
 NAMES = frozenset({"theta", "omega", "x1", "x_2", "S", "X", "glucose", "u"})
 
@@ -52,7 +52,8 @@ def test_names() -> None:
 
 
 def test_long_numbers_are_cut_in_formulas_and_whole_in_gains() -> None:
-    assert latex(formula(parse("1.41421356237309504*u", NAMES))) == r"1.414213\dots u"
+    assert latex(formula(parse("1.41421356237309504*u", NAMES))) == "1.41421356237309504 u"
+    assert latex(formula(parse("1.4142135623730950488016887242*u", NAMES))) == r"1.414213562373095\dots u"
     assert (
         latex(matrix(ExactMatrix([["1.41421356237309504"]])))
         == r"\left[ \begin{matrix} 1.41421356237309504 \end{matrix} \right]"
@@ -77,3 +78,18 @@ def test_a_formula_too_long_to_read_is_named_by_its_size() -> None:
 def test_derivatives_of_words_and_letters() -> None:
     assert latex(dotted(name_formula("x1"))) == r"\dot{x}_{1}"
     assert latex(dotted(name_formula("glucose"))) == r"\frac{d}{d t} \mathrm{glucose}"
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("x1 + (u - x1)", "u"),
+        ("x1 + 2*(u - 0.5*x1)", "2 u"),
+        ("x1 - x1", "0"),
+        ("x1 + 0.5*(u - x1)", None),
+        ("sin(x1 - x1 + u)", None),
+    ],
+)
+def test_what_cancels_is_left_out_and_the_rest_stays(text: str, shown: str | None) -> None:
+    typed = parse(text, NAMES)
+    assert latex(formula(cancelled(typed))) == (latex(formula(typed)) if shown is None else shown)

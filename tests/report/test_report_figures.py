@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -18,8 +19,11 @@ from cdobs_cli.chart import Chart, Panel, Series
 from cdobs_cli.report.drawings import RECORD, Drawings
 from cdobs_cli.report.figures import chart_csv, draw, ladder_csv
 from cdobs_cli.report.ladder import period_ladder
+from cdobs_cli.report.palette import BLUE, adaptable
+from cdobs_cli.report.thumbnail import thumbnail
 from cdobs_cli.report.trajectories import axis_name, run_charts
 from cdobs_cli.report.witnesses import witness_charts
+from cdobs_cli.run import Run, Trajectory
 
 
 def rows(content: bytes) -> list[dict[str, str]]:
@@ -87,7 +91,96 @@ def test_any_label_can_be_drawn(label: str) -> None:
 def test_axis_names() -> None:
     assert axis_name("theta") == r"$\theta$"
     assert axis_name("x1") == "$x_{1}$"
+    assert axis_name("omega_m") == r"$\omega_{m}$"
     assert axis_name("glucose") == "glucose"
+
+
+def sparse(end: float, decay: float, *, samples: int = 20, count: int = 1) -> Run:
+    """Runs to `end` whose errors fall at a rate, with so many samples."""
+    t = np.linspace(0, end, 800)
+    x = np.stack([np.cos(t), -np.sin(t)], axis=1)
+    t_k = np.linspace(0, end, samples)
+    y_k = np.cos(t_k)[:, None]
+    paths = tuple(
+        Trajectory(t, x, {"x_hat": x + np.exp(-decay * t)[:, None] * [1.0 + k, 2.0]}, {}, t_k, y_k)
+        for k in range(count)
+    )
+    one = make_run(count)
+    return replace(one, trajectories=paths)
+
+
+def test_a_short_transient_gets_a_larger_scale_and_the_caption_says_so() -> None:
+    states = run_charts(make_plant(), sparse(40, 1.0))[0]
+    assert states.stretch == pytest.approx(5.0)
+    assert "Up to t = 5 (shaded)" in states.caption
+    slow = run_charts(make_plant(), sparse(40, 0.1))[0]
+    assert slow.stretch is None and "shaded" not in slow.caption
+    assert draw(states)["svg"] != draw(replace(states, stretch=None))["svg"]
+
+
+def test_the_error_ends_where_rounding_is_all_that_is_left() -> None:
+    error = run_charts(make_plant(), sparse(40, 2.0), {"factor": "2", "rate": "1.5"})[1]
+    assert len(error.panels) == 2 and "rounding is all that is left" in error.caption
+    for panel in error.panels:
+        low = panel.y_range[0] if panel.y_range else 0.0
+        assert low == pytest.approx(8 * np.finfo(float).eps, rel=1e-3)
+        for series in panel.series:
+            assert np.min(series.y) >= low and np.max(series.x) < 20
+    whole = run_charts(make_plant(), sparse(40, 0.2))[1]
+    assert np.max(whole.panels[0].series[0].x) == 40 and "rounding" not in whole.caption
+
+
+def test_the_envelope_bounds_the_norm_of_all_errors() -> None:
+    error = run_charts(make_plant(), sparse(40, 2.0), {"factor": "2", "rate": "1.5"})[1]
+    for panel in error.panels:
+        curve, envelope = panel.series
+        assert envelope.y[0] == pytest.approx(2 * math.hypot(1, 2))
+        assert (np.interp(curve.x, envelope.x, envelope.y) >= curve.y)[curve.x <= envelope.x[-1]].all()
+
+
+def test_many_runs_are_a_band_and_few_are_lines() -> None:
+    kinds = [
+        [one.kind for one in run_charts(make_plant(), sparse(40, 0.2, count=count))[1].panels[0].series]
+        for count in (1, 2, 5)
+    ]
+    assert kinds == [["line"], ["line", "line"], ["band", "line"]]
+    band, median = run_charts(make_plant(), sparse(40, 0.2, count=5))[1].panels[0].series
+    assert (band.y[0], median.y[0], band.y2[0]) == pytest.approx((1, 3, 5))
+
+
+def test_many_measurements_are_thinned_and_the_caption_says_so() -> None:
+    few, many = (run_charts(make_plant(), sparse(40, 0.1, samples=count))[0] for count in (20, 1000))
+    drawn = [len(one.x) for chart in (few, many) for one in chart.panels[0].series if one.kind == "points"]
+    assert drawn[0] == 20 and 50 <= drawn[1] <= 60
+    assert "one in 17 is drawn" in many.caption and "one in" not in few.caption
+
+
+def test_large_numbers_have_their_power_of_ten_in_the_label() -> None:
+    from matplotlib.figure import Figure
+
+    from cdobs_cli.report.figures import _tidy
+
+    for values, told in (([0, 3e-6], r"x ($10^{-6}$ m)"), ([0, 2.0], "x (m)"), ([0, 5e6], r"x ($10^{6}$ m)")):
+        ax = Figure().subplots()
+        ax.plot(values)
+        ax.set_ylabel("x (m)")
+        _tidy(ax.yaxis, "x (m)")
+        assert ax.get_ylabel() == told and ax.yaxis.get_offset_text().get_text() == ""
+
+
+def test_the_small_picture_has_a_curve_and_its_dark_colours() -> None:
+    small = thumbnail(run_charts(make_plant(), make_run())).decode()
+    assert small.count("<polyline") == 1 and "prefers-color-scheme: dark" in small
+    points = [tuple(map(float, one.split(","))) for one in small.partition('points="')[2].partition('"')[0].split()]
+    assert len(points) > 50 and points[0][1] < points[-1][1], "the error falls"
+    assert thumbnail(()) == b""
+
+
+def test_files_are_light_and_pages_adapt() -> None:
+    drawn = draw(run_charts(make_plant(), make_run())[0])["svg"].decode()
+    assert "var(" not in drawn and BLUE in drawn
+    assert f"stroke: var(--figure-0072b2, {BLUE})" in adaptable(drawn)
+    assert not re.search(r"(?<!, )(?<!--figure-)#0072b2", adaptable(drawn))
 
 
 def in_memory(files: dict[str, bytes]) -> Drawings:

@@ -104,7 +104,7 @@ def test_a_report_without_check_or_run_says_so() -> None:
     assert set(files) == {
         "report.md",
         "report.html",
-        *(f"figures/{name}" for name in ("period_slope.svg", "period_slope.csv", ".drawn.json")),
+        *(f"figures/{name}" for name in ("period_slope.svg", "period_slope.csv", "thumbnail.svg", ".drawn.json")),
     }
 
 
@@ -124,7 +124,7 @@ def test_the_index() -> None:
     assert all(not re.match(r"(https?:)?//", address) for address in checker.addresses)
     text = "".join(checker.text)
     assert "plant.A: <b>not</b> square" in text
-    assert "[0.18, ∞] s" in text
+    assert "proved up to 0.18 s" in text
     assert "3 specs: 1 proved, 1 refuted, 1 invalid." in text
 
 
@@ -166,3 +166,31 @@ def test_invisible_operators_of_formulas_are_not_shown_as_escapes(files: dict[st
     page = files["report.html"].decode()
     assert "<mo>&#8289;</mo>" in page
     assert "u2061" not in page
+
+
+def test_figures_are_numbered_and_claims_lead_to_them(report: Report, files: dict[str, bytes]) -> None:
+    page = files["report.html"].decode()
+    numbers = re.findall(r"<strong>Figure (\d+)\.", page)
+    assert numbers == [str(number) for number in range(1, len(report.charts) + 1)]
+    (target,) = re.findall(r'<code>convergence</code>.*?<a href="#(figure-[a-z-]+)">figure \d+</a>', page)
+    assert f'<figure id="{target}">' in page
+
+
+def test_only_what_decides_is_open(files: dict[str, bytes]) -> None:
+    page = files["report.html"].decode()
+    folded = re.findall(r"<summary>(.*?)</summary>", page)
+    assert any(one.startswith("Certificates (1)") for one in folded)
+    assert "Printed in the paper (2), 1 undecided, 1 refuted" in folded
+    assert not any(one.startswith("Required") for one in folded)
+    assert set(re.findall(r'<li><a href="#(section-[a-z-]+)"', page)) == set(re.findall(r'<h2 id="([a-z-]+)"', page))
+
+
+def test_bars_of_one_plant_have_one_scale() -> None:
+    bounds = (Bound("0.5", "0.6", "s"), Bound("1.0", "1.2", "s"), Bound("50", "60", "s"))
+    plants = ("pendulum", "pendulum", "motor")
+    entries = [
+        IndexEntry(str(k), "", "proved", bound_name="period_max", bound=bound, plant=plant)
+        for k, (bound, plant) in enumerate(zip(bounds, plants, strict=True))
+    ]
+    widths = [float(one) for one in re.findall(r'<rect x="0" y="4" width="([\d.]+)"', index_page(entries).decode())]
+    assert widths == pytest.approx([37.9, 75.8, 75.8])

@@ -1,21 +1,27 @@
 """report.md and the terminal summary, against stored text."""
 
+import csv
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import pytest
+from command import made
 from report_pendulum import Copying, make_check, make_design, make_plant, make_report, make_run
 
 from cdobs_cli.chart import Chart
 from cdobs_cli.design import Design
-from cdobs_cli.exact.expression import Expression
+from cdobs_cli.exact.expression import Expression, Variable
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.exact.parser import parse
 from cdobs_cli.plant import Input, TypedDynamics
 from cdobs_cli.report.model import Report
 from cdobs_cli.report.summary import summary_lines
 from cdobs_cli.report.text import markdown
+from cdobs_cli.run import SimulationPlan
 from cdobs_cli.sampling import SamplingLaw
+from cdobs_cli.simulate.alone import plant_alone
 
 GOLDEN = Path(__file__).parent / "golden"
 
@@ -76,3 +82,57 @@ class Swap:
 
     def original_values(self, z: Any) -> Any:
         return z * [1.0, 0.5]
+
+
+def test_without_a_design_the_plant_is_shown_by_itself(tmp_path: Path) -> None:
+    spec = Path(__file__).parents[1] / "pages" / "unseen_angle.yaml"
+    made(tmp_path, spec.read_text())
+    text = (tmp_path / "out" / "report.md").read_text()
+    assert "No design was found" in text and "this is the plant by itself" in text
+    assert not (tmp_path / "out" / "simulation.json").exists()
+    rows = list(csv.DictReader((tmp_path / "out" / "figures" / "states.csv").open()))
+    assert {row["series"] for row in rows} == {"state", "measurement"}
+    angle = [float(row["y"]) for row in rows if row["panel"] == "1" and row["series"] == "state"]
+    # theta' = theta + omega with omega = 0.2
+    assert angle[-1] == pytest.approx(0.3 * math.exp(4) - 0.2, rel=1e-6)
+
+
+UNSEEN = """\
+spec_version: 1
+plant: {states: [x, y], A: [[0.2, 1], [0, 0.3]], phi: ["0", "0"], lipschitz: [[0, 0], [0, 0]]}
+measurement: MEASURED
+observer: {family: reachability}
+simulation: {horizon: 2, initial_state: [1, 1], initial_estimate: [0, 0]}
+"""
+FIRST, SECOND = "a: {C: [[0, 1]], period: 0.1", "b: {C: [[0, 2]], period: 0.3"
+
+
+@pytest.mark.parametrize("measured", [
+    "{C: [[0, 1]], sampling: {period: 0.1}, lost: {at_most: 2}, gains: by_phase}",
+    "{C: [[0, 1]], sampling: {period: 0.1}, lost: {probability: 0.2}}",
+    "{C: [[0, 1]], sampling: {period: 0.1}, delay: [0, 0.15]}",
+    f"{{sensors: {{{FIRST}}}, {SECOND}}}}}}}", f"{{sensors: {{{FIRST}, delay: 0.05}}, {SECOND}}}}}}}",
+    f"{{sensors: {{{FIRST}, lost: {{at_most: 2}}}}, {SECOND}}}}}}}",
+    "{sensors: {a: {C: [[0, 1]], min_period: 0.1, max_period: 0.3}, b: {C: [[0, 2]], min_period: 0.2, max_period: 1}}}",
+    "{sensors: {a: {C: [[0, 1]], period: 0.01}, b: {C: [[0, 2]], period: 3}}}",
+    "{sensors: {a: {C: [[0, 1]], send_on_delta: 0.1}}}",
+    "{sensors: {a: {C: [[0, 1]], send_on_delta: 0.1, check_every: 0.05}}}",
+])  # fmt: skip
+def test_a_plant_that_nobody_can_observe_is_refuted_and_shown_however_it_is_measured(
+    tmp_path: Path, measured: str
+) -> None:
+    """x grows and no output shows it."""
+    result = made(tmp_path, UNSEEN.replace("MEASURED", measured))
+    assert result.status == "finding" and result.check is not None and result.check["verdict"] == "refuted"
+    rows = list(csv.DictReader((tmp_path / "out" / "figures" / "states.csv").open()))
+    last = [float(row["y"]) for row in rows if row["panel"] == "1" and row["series"] == "state"][-1]
+    # x' = 0.2 x + y, y = exp(0.3 t)
+    assert last == pytest.approx(10 * math.exp(0.6) - 9 * math.exp(0.4), rel=1e-6)
+
+
+def test_a_plant_that_needs_the_estimate_is_not_run_by_itself() -> None:
+    plan = SimulationPlan(Exact("1"), (Exact("0"), Exact("0")), signals={"u": parse("t", frozenset({"t"}))})
+    run = plant_alone(make_plant(), plan)
+    assert run is not None and not run.trajectories[0].estimates
+    fed = replace(plan, signals={"u": Variable("hat.theta")})
+    assert plant_alone(make_plant(), fed) is None

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from loops import box, copy_observer, pendulum, periodic, plan, plant, read
 
-from cdobs_cli.codegen import PRELUDE, c_function
+from cdobs_cli.codegen import c_function, prelude
 from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.exact.expression import Expression, Power, Variable, call, power
 from cdobs_cli.exact.language import LANGUAGE
@@ -181,7 +181,8 @@ def test_a_signal_outside_its_interval_is_told_by_the_array_path():
 
 def values(expression: Expression, x: np.ndarray) -> np.ndarray:
     """By C, at rows of a and b."""
-    source = PRELUDE + c_function("f", "const double *y", [expression], {"a": "y[0]", "b": "y[1]"})
+    code = c_function("f", "const double *y", [expression], {"a": "y[0]", "b": "y[1]"})
+    source = prelude(code) + code
     source += "void at(const double *y, double *out) { f(y, out); }\n"
     loaded = library.library(source)
     assert loaded is not None

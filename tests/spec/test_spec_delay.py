@@ -76,7 +76,7 @@ def test_what_is_not_late_changes_no_key(write):
     ("text", "line", "told"),
     [
         (typed("delay: -1"), 16, "measurement.delay: a delay that is not negative is expected; got -1"),
-        (typed("delay: [0.2, 0.1]"), 16, "the least delay is above the largest; got a list of 2 entries; write [0.1, 0.2]"),
+        (typed("delay: [0.2, 0.1]"), 16, "the least delay is above the largest; got [0.2, 0.1]; write [0.1, 0.2]"),
         (typed("delay: [0.2]"), 16, "a delay is a number, or the least and the largest: [lo, hi]"),
         (typed("delay: {at_most: 1}"), 16, "a delay is a number, or the least and the largest: [lo, hi]"),
         (typed("delay: .nan"), 16, "measurement.delay"),

@@ -1,5 +1,7 @@
 """Plants typed as dynamics and output, in coordinates of the user's own."""
 
+# ruff: noqa: E501 - sentences stand on one line
+
 from __future__ import annotations
 
 import pytest
@@ -49,8 +51,8 @@ def test_lie_coordinates_take_the_simulation_along(write):
         (
             "  coordinates: {map: [a, x1], inverse: [x1, b]}\n",
             [
-                "8:26: plant.coordinates.map[1]: unknown name 'x1'; known: a, b, e, pi; got \"x1\"",
-                "8:45: plant.coordinates.inverse[1]: unknown name 'b'; known: e, pi, x1, x2; got \"b\"",
+                "8:26: plant.coordinates.map[1]: unknown name 'x1'; known: a, b, e, pi; got \"x1\"; in this expression the states are a, b",
+                "8:45: plant.coordinates.inverse[1]: unknown name 'b'; known: e, pi, x1, x2; got \"b\"; in this expression the states are x1, x2",
             ],
         ),
         (
@@ -67,7 +69,9 @@ def test_lie_coordinates_take_the_simulation_along(write):
         ),
         (
             "  coordinates: lie\n  phi: ['0', '-sin(a)']\n",
-            ["9:14: plant.phi[1]: unknown name 'a'; known: e, pi, u, x1, x2 (at character 6); got \"-sin(a)\""],
+            [
+                "9:14: plant.phi[1]: unknown name 'a'; known: e, pi, u, x1, x2 (at character 6); got \"-sin(a)\"; in this expression the states are x1, x2"
+            ],
         ),
     ],
 )

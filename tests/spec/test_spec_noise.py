@@ -89,7 +89,7 @@ def test_kinds_and_values_change_what_results_depend_on(write):
         ("{upper: [1, 1]}", "16:10: measurement.noise.lower: is required"),
         ("{std: [1]}", "16:16: measurement.noise.std: one number for each output is expected; got 1 numbers; allowed: 2 numbers"),
         ("{std: [1, -1]}", "16:20: measurement.noise.std[1]: a number that is not negative is expected; got -1"),
-        ("{std: [1, nan]}", '16:20: measurement.noise.std[1]: unknown name \'nan\'; known: e, g, k, pi; got "nan"'),
+        ("{std: [1, nan]}", '16:20: measurement.noise.std[1]: unknown name \'nan\'; known: e, g, k, pi; got "nan"; a finite number is expected'),
         ("{std: [1, .nan]}", "16:20: measurement.noise.std[1]: a finite number is expected; got .nan; leave an open end of an interval out with null"),
         ("{covariance: [[1]]}", "16:23: measurement.noise.covariance: a matrix of another shape is expected; got 1 x 1; allowed: 2 x 2, a row and a column for each output"),
         ("{covariance: [[1, 0.5], [0.4, 1]]}", "16:35: measurement.noise.covariance[1][0]: a symmetric matrix is expected: this is not the entry of row 1, column 2; got 0.4; allowed: 0.5"),
@@ -98,7 +98,7 @@ def test_kinds_and_values_change_what_results_depend_on(write):
         ("{covariance: [[0, 1], [1, 0]]}", "16:23: measurement.noise.covariance: is not positive semidefinite; got [[0, 1], [1, 0]]; each |m_ij| is at most sqrt(m_ii m_jj), and so on: no combination has a negative variance"),
         ("{covariance: [[1, 1], [1, 0.999999999999999999999999999999]]}", "16:23: measurement.noise.covariance: is not positive semidefinite; got [[1, 1], [1, 0.999999999999999999999999999999]]; each |m_ij| is at most sqrt(m_ii m_jj), and so on: no combination has a negative variance"),
         ("{intensity: [[1, 0], [0, 1]]}", "16:11: measurement.noise.intensity: unknown key; allowed: covariance, lower, std, upper"),
-        ("3", "16:10: measurement.noise: a mapping is expected; got 3"),
+        ("3", "16:10: measurement.noise: a mapping is expected; got 3; write noise: {lower: [-3], upper: [3]}, bounds, or noise: {std: [3]}, deviations"),
     ],
 )  # fmt: skip
 def test_mistakes_in_noise(mistakes, noise, told):
@@ -121,7 +121,7 @@ def test_mistakes_in_noise(mistakes, noise, told):
         ("{intensity: [[1, 0]]}", "12:28: plant.disturbance.intensity: a matrix of another shape is expected; got 1 x 2; allowed: 2 x 2, a row and a column for each state"),
         ("{intensity: [[1, 2], [2, 3]]}", "12:28: plant.disturbance.intensity: is not positive semidefinite; got [[1, 2], [2, 3]]; each |m_ij| is at most sqrt(m_ii m_jj), and so on: no combination has a negative variance"),
         ("{lower: [0, 0], upper: [0, 0], intensity: [[1, 0], [0, 1]]}", "12:16: plant.disturbance: one kind of disturbance is expected, these are 2; got {lower: [..], upper: [..]} and {intensity: [[..]]}; allowed: {lower: [..], upper: [..]} or {intensity: [[..]]}"),
-        ("{std: [0, 1]}", "12:17: plant.disturbance.std: unknown key; allowed: intensity, lower, upper"),
+        ("{std: [0, 1]}", "12:17: plant.disturbance.std: unknown key; allowed: intensity, lower, upper; of a white one, per unit of time: write {intensity: [[..]]}, the squares"),
     ],
 )  # fmt: skip
 def test_mistakes_in_a_disturbance(mistakes, disturbance, told):

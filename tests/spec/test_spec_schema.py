@@ -29,6 +29,26 @@ def test_it_is_a_draft_7_schema_without_loose_ends():
     assert [*FAMILIES, "auto"] == SCHEMA["properties"]["observer"]["properties"]["family"]["enum"]
 
 
+def described(schema, path=()):
+    """(path, description) of every property, at any depth."""
+    if isinstance(schema, list):
+        schema = dict(enumerate(schema))
+    if not isinstance(schema, dict):
+        return
+    # What stands under `if` tells families apart, and describes nothing.
+    for key, part in schema.items():
+        if key == "properties":
+            yield from (((*path, name), entry.get("description")) for name, entry in part.items())
+        if key != "if":
+            yield from described(part, (*path, key))
+
+
+def test_every_key_is_described():
+    told = dict(described(SCHEMA))
+    assert len(told) > 100
+    assert [path for path, words in told.items() if not words or not words.endswith(".")] == []
+
+
 @pytest.mark.parametrize(
     "changes",
     [

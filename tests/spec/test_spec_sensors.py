@@ -103,3 +103,15 @@ def test_gains_of_other_sensors_are_refused(tmp_path: Path, gain: str, told: str
     spec = with_measurement(SENSORS).replace("reachability}", f"reachability, gain: {gain}}}")
     problems = refused(tmp_path, spec)
     assert any(told in problem and ":8:" in problem for problem in problems), problems
+
+
+@pytest.mark.parametrize(("low", "high", "fits"), [
+    ("pi/10", "pi/10", True), ("pi/5", "2*pi/10", True), ("sqrt(2)/5", "sqrt(2)/4", True), ("pi/4", "2*pi/10", False),
+])  # fmt: skip
+def test_ends_of_a_period_that_are_no_decimals_are_compared(tmp_path: Path, low: str, high: str, fits: bool) -> None:
+    unit = "pi/10" if "pi" in low else "sqrt(2)/10"
+    timed = f'min_period: "{low}", max_period: "{high}"'
+    spec = with_measurement(f'sensors: {{s1: {{C: [[1, 0]], period: "{unit}"}}, s2: {{C: [[0, 1]], {timed}}}}}')
+    result = made(tmp_path, spec, ("synthesize",))
+    assert (result.status == "ok") is fits
+    assert [one.text[:29] for one in result.messages] == ([] if fits else ["min_period is above max_period"[:29]])

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 from flint import arb, arb_mat
 
-from cdobs_cli.certify.falsify import are_within
 from cdobs_cli.certify.floats import exponentials
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
+from cdobs_cli.certify.words import are_within
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.plant import Plant

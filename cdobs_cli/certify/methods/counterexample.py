@@ -10,8 +10,10 @@ from typing import Any, ClassVar, Self
 from cdobs_cli.certificate import Witness
 from cdobs_cli.certify.adversary import attained, attains
 from cdobs_cli.certify.bracket import smallest_refuted
-from cdobs_cli.certify.falsify import refute, refutes
+from cdobs_cli.certify.falsify import refute
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
+from cdobs_cli.certify.words import refutes
+from cdobs_cli.design import COUNTEREXAMPLE
 from cdobs_cli.exact.numbers import Exact
 
 
@@ -19,12 +21,12 @@ from cdobs_cli.exact.numbers import Exact
 class Counterexample(Method):
     """Under its law some error of the gain does not decay.
 
-    witness: the word, as `falsify` writes it.
+    witness: the word, as `words` writes it.
     """
 
     witness: dict[str, Any]
 
-    name: ClassVar[str] = "counterexample"
+    name: ClassVar[str] = COUNTEREXAMPLE
     rung: ClassVar[str] = "counterexample"
     source: ClassVar[str] = "spectral radius of a word of slopes and periods"
     how: ClassVar[str] = "monodromy matrix in balls"

@@ -19,7 +19,6 @@ Source: cdobs, error bounds; the gains are those of the L1 theory (Dahleh and Pe
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -32,7 +31,8 @@ from flint import arb
 
 from cdobs_cli.certify.floats import exponentials, spectral_radii
 from cdobs_cli.certify.linear import product
-from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
+from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question
+from cdobs_cli.certify.methods.of_state import OfState, UnderBounded, UnderWhite
 from cdobs_cli.certify.methods.peak.state import number_of
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import ExactMatrix
@@ -46,21 +46,15 @@ _CLOSE = 2
 
 
 @dataclass(frozen=True)
-class Response(Method):
+class Response(OfState, Method):
     """It holds the number of the state only: the proof sums the response in balls. Loads no solver."""
 
     state: str
 
     source: ClassVar[str] = "response of the error to each signal"
     how: ClassVar[str] = "sums of the response in balls"
-    of_one_state: ClassVar[bool] = True
     nonlinear_outputs: ClassVar[bool] = True
     multirate: ClassVar[bool] = True
-
-    @classmethod
-    @abstractmethod
-    def is_about(cls, plant: Plant) -> bool:
-        """Whether what is declared is of its kind."""
 
     @classmethod
     def applies(cls, question: Question) -> bool:
@@ -88,37 +82,17 @@ class Response(Method):
 
 
 @dataclass(frozen=True)
-class PeakResponse(Response):
+class PeakResponse(UnderBounded, Response):
     """Of bounded disturbance and noise."""
 
     name: ClassVar[str] = "peak_response"
-    rung: ClassVar[str] = "peak"
-    statement: ClassVar[str] = "The error stays bounded"
-    reach: ClassVar[Reach] = "error bound"
-
-    @classmethod
-    def is_about(cls, plant: Plant) -> bool:
-        return plant.has_only_bounded
-
-    def quantity(self, plant: Plant) -> str:
-        return f"error.{plant.states[number_of(self.state, plant)]}"
 
 
 @dataclass(frozen=True)
-class MeanSquareResponse(Response):
+class MeanSquareResponse(UnderWhite, Response):
     """Where one of disturbance and noise is white, or both."""
 
     name: ClassVar[str] = "mean_square_response"
-    rung: ClassVar[str] = "mean_square"
-    statement: ClassVar[str] = "The mean square of the error stays bounded"
-    reach: ClassVar[Reach] = "mean square"
-
-    @classmethod
-    def is_about(cls, plant: Plant) -> bool:
-        return plant.has_white
-
-    def quantity(self, plant: Plant) -> str:
-        return f"rms.{plant.states[number_of(self.state, plant)]}"
 
 
 class Sizes(NamedTuple):

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Tag
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.families.base import Family
@@ -33,8 +33,8 @@ class Gain(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, defer_build=True)
 
-    S: Rows
-    L: Rows
+    S: Rows = Field(description="The coordinates z = S x that the bounds live in; a row and a column for each state.")
+    L: Rows = Field(description="The gain, a row for each state, a column for each output.")
 
 
 class Feedback(BaseModel):
@@ -42,8 +42,8 @@ class Feedback(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, defer_build=True)
 
-    K_lower: Rows
-    K_upper: Rows
+    K_lower: Rows = Field(description="Of the lower bounds: a row for each input, a column for each state.")
+    K_upper: Rows = Field(description="Of the upper bounds: a row for each input, a column for each state.")
 
 
 FeedbackField = Annotated[
@@ -59,10 +59,23 @@ class Interval(Family):
     source: ClassVar[str] = "Efimov2016"
 
     family: Literal["interval"] = "interval"
-    objective: Literal["given_period", "max_period", "min_width"] = "given_period"
-    tighten: Literal["none", "intersect", "hull"] = "none"
-    feedback: FeedbackField = "none"
-    gain: Gain | None = None
+    objective: Literal["given_period", "max_period", "min_width"] = Field(
+        default="given_period",
+        description="The period as typed (given_period), the longest period (max_period), or the narrowest bounds in "
+        "the end (min_width).",
+    )
+    tighten: Literal["none", "intersect", "hull"] = Field(
+        default="none",
+        description="What makes the bounds narrower: nothing, intersection with what each measurement allows "
+        "(intersect), or bounds carried from sample to sample as a hull (hull).",
+    )
+    feedback: FeedbackField = Field(
+        default="none",
+        description="A control computed from the bounds at samples: none, one that is found (design), or given gains.",
+    )
+    gain: Gain | None = Field(
+        default=None, description="S and L, where they are given and only to be analysed; found where left out."
+    )
 
     def problems(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:
         from cdobs_cli.families.interval.structure import problems

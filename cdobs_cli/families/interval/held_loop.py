@@ -25,10 +25,11 @@ from cdobs_cli.certify import search
 from cdobs_cli.certify.ball import eigenvalues
 from cdobs_cli.certify.bracket import smallest_refuted
 from cdobs_cli.certify.definite import has_positive_pivots
-from cdobs_cli.certify.falsify import refute, refutes
+from cdobs_cli.certify.falsify import refute
 from cdobs_cli.certify.lmi import Program, full
 from cdobs_cli.certify.lmi import symmetric as symmetric_unknown
 from cdobs_cli.certify.methods.base import Proof, Question, Reach
+from cdobs_cli.certify.words import refutes
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix, block, symmetric
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
@@ -100,7 +101,7 @@ class HeldLoop(Part):
 
 @dataclass(frozen=True)
 class HeldLoopLost(Part):
-    """A word of periods under which the held loop does not decay, as `falsify` writes it."""
+    """A word of periods under which the held loop does not decay, as `words` writes it."""
 
     witness: dict[str, Any]
 

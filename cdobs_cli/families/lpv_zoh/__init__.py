@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from cdobs_cli.errors import Problem
-from cdobs_cli.families.constant_gain import ConstantGain, Objective
+from cdobs_cli.families.constant_gain import OBJECTIVE_WORDS, ConstantGain, Objective
 from cdobs_cli.fields import Rows
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ class Gain(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, defer_build=True)
 
-    L: Rows
+    L: Rows = Field(description="A row for each state, a column for each output.")
 
 
 class PrintedData(BaseModel):
@@ -45,9 +45,11 @@ class PrintedData(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, defer_build=True)
 
-    P: Rows
-    Y: Rows
-    vertices: Annotated[tuple[Rows, ...], Field(min_length=1, max_length=256)] | None = None
+    P: Rows = Field(description="The Lyapunov matrix as printed, a row and a column for each state.")
+    Y: Rows = Field(description="P L as printed, a row for each state.")
+    vertices: Annotated[tuple[Rows, ...], Field(min_length=1, max_length=256)] | None = Field(
+        default=None, description="The matrices A_i as printed; the corners of the slopes where left out."
+    )
 
 
 class LpvZeroOrderHold(ConstantGain):
@@ -61,10 +63,19 @@ class LpvZeroOrderHold(ConstantGain):
     takes_delays: ClassVar[Literal["none", "one", "several"]] = "one"
 
     family: Literal["lpv_zoh"] = "lpv_zoh"
-    objective: Objective = "given_period"
-    method: Literal["best", "clock", "wirtinger", "repaired", "theorem_1"] = "best"
-    gain: Gain | None = None
-    printed: PrintedData | None = None
+    objective: Objective = Field(default="given_period", description=OBJECTIVE_WORDS)
+    method: Literal["best", "clock", "wirtinger", "repaired", "theorem_1"] = Field(
+        default="best",
+        description="How it is proved: by the paper's theorem as printed (theorem_1) or with its proof repaired "
+        "(repaired), by an integral inequality (wirtinger), by a function of error and time since the "
+        "sample (clock), or by whatever reaches further (best).",
+    )
+    gain: Gain | None = Field(
+        default=None, description="The gain, where it is given and only to be analysed; found where left out."
+    )
+    printed: PrintedData | None = Field(
+        default=None, description="Data of the theorem from a page, each put to the test by a claim of its own."
+    )
 
     def problems(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:
         from cdobs_cli.families.lpv_zoh.structure import problems

@@ -64,7 +64,7 @@ def _held_outputs(plant: Plant, run: Run | None) -> list[Chart]:
     import numpy as np
 
     first = run.trajectories[0]
-    panels = []
+    panels, held_too = [], False
     for k in range(plant.p):
         held = first.internals.get(f"{INNOVATION}{k}")
         if held is None:
@@ -77,15 +77,24 @@ def _held_outputs(plant: Plant, run: Run | None) -> list[Chart]:
             Series("measured", ends, _to_end(y), "steps", "measured"),
             Series("observer", ends, _to_end(y - innovation), "steps", "estimate"),
         )
-        panels.append(Panel("time (s)", f"$y_{k + 1}(t_k)$", series))
-        panels.append(
-            Panel("time (s)", f"$r_{k + 1}(t_k)$", (Series("innovation", ends, _to_end(innovation), "steps", "other"),))
-        )
+        if not _is_state(plant, k):  # else its samples are drawn on the state
+            panels.append(Panel("time (s)", f"$y_{{{k + 1}}}(t_k)$", series))
+            held_too = True
+        drives = Series("innovation", ends, _to_end(innovation), "steps", "other")
+        panels.append(Panel("time (s)", f"$r_{{{k + 1}}}(t_k)$", (drives,)))
+    if not held_too:
+        caption = "What is measured less what the observer expects, held between samples: it drives the observer."
+        return [Chart("held_outputs", "Innovations", caption, tuple(panels))]
     caption = (
         "Sampled outputs of the plant and of the observer, held between samples, and the innovation that "
         "drives the observer."
     )
     return [Chart("held_outputs", "Held outputs", caption, tuple(panels))]
+
+
+def _is_state(plant: Plant, k: int) -> bool:
+    """Whether an output is a multiple of one state."""
+    return plant.h is None and sum(float(plant.C[k, j]) != 0 for j in range(plant.n)) == 1
 
 
 def _to_end(values: Any) -> Any:

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.numbers import ExactMatrix
-from cdobs_cli.families.constant_gain import ConstantGain, Objective
+from cdobs_cli.families.constant_gain import OBJECTIVE_WORDS, ConstantGain, Objective
 from cdobs_cli.fields import ExpressionInDelta, Rows
 from cdobs_cli.sensors import MAX_PHASES
 
@@ -66,6 +66,7 @@ class Gain(BaseModel):
         | Annotated[dict[str, Rows], Tag("by sensors")]
         | Annotated[tuple[Rows, ...], Field(max_length=MAX_PHASES), Tag("by sample")],
         Discriminator(_kind_of_gain),
+        Field(description="A row for each state, a column for each output; by sensors, or sample by sample."),
     ]
 
 
@@ -75,7 +76,9 @@ class MatrixSet(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True, defer_build=True)
 
-    matrices: Annotated[tuple[SetMatrix, ...], Field(max_length=1024)]
+    matrices: Annotated[tuple[SetMatrix, ...], Field(max_length=1024)] = Field(
+        description="Each a list of rows; an entry is an expression in delta, the period, or a list of them."
+    )
 
 
 TypedSet = Annotated[
@@ -95,10 +98,20 @@ class Reachability(ConstantGain):
     takes_delays: ClassVar[Literal["none", "one", "several"]] = "several"
     takes_on_change: ClassVar[bool] = True
     family: Literal["reachability"] = "reachability"
-    objective: Objective = "given_period"
-    method: Literal["best", "set", "clock"] = "best"
-    set: TypedSet = "clarke"
-    gain: Gain | None = None
+    objective: Objective = Field(default="given_period", description=OBJECTIVE_WORDS)
+    method: Literal["best", "set", "clock"] = Field(
+        default="best",
+        description="How it is proved: by the set of error maps of the paper (set), by a function of error and time "
+        "since the sample (clock), or by whatever reaches further (best).",
+    )
+    set: TypedSet = Field(
+        default="clarke",
+        description="The set of error maps: that of the slopes, entry by entry (clarke), or one typed out, of which "
+        "it is then proved that it holds every error map.",
+    )
+    gain: Gain | None = Field(
+        default=None, description="The gain, where it is given and only to be analysed; found where left out."
+    )
 
     def problems(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:
         from cdobs_cli.families.reachability.structure import problems

@@ -74,7 +74,7 @@ def _lyapunov(plant: Plant, design: Design, certificate: ReachableSet, run: Run)
     caption = "V = e'Pe just after each jump, and the proved bound rho^(2k) from its first value."
     if plant.is_perturbed:
         caption += " The bound holds without disturbance and noise."
-    return [Chart("lyapunov", "Lyapunov function at the samples", caption, (Panel("t", "V", series, "log"),))]
+    return [Chart("lyapunov", "Lyapunov function at the samples", caption, (Panel("time (s)", "V", series, "log"),))]
 
 
 def _periods(family: Reachability, plant: Plant, design: Design, check: Check | None) -> list[Chart]:
@@ -107,7 +107,7 @@ def _periods(family: Reachability, plant: Plant, design: Design, check: Check | 
             "feasible_period",
             "Feasible period",
             caption,
-            (Panel("factor on the slopes", "period", tuple(series), "log", "log"),),
+            (Panel("factor on the slopes", "period (s)", tuple(series), "log", "log"),),
         )
     ]
 

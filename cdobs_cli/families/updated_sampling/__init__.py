@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, PlainSerializer
+from pydantic import BaseModel, ConfigDict, Field, PlainSerializer
 
 from cdobs_cli.chart import Exhibits
 from cdobs_cli.errors import Problem
@@ -38,11 +38,11 @@ class Gain(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
 
-    K: Rows
-    alpha: PositiveNumber
-    a1: PositiveNumber
-    a2: PositiveNumber
-    a3: NonNegativeNumber
+    K: Rows = Field(description="One column, a row for each state; A + K C is stable.")
+    alpha: PositiveNumber = Field(description="The next sample is when the elapsed time times L is alpha.")
+    a1: PositiveNumber = Field(description="How far L falls back towards 1 at a sample; a1 alpha is below 1.")
+    a2: PositiveNumber = Field(description="How fast L grows with c between samples.")
+    a3: NonNegativeNumber = Field(description="How fast M grows with c between samples; 0 keeps it at 1.")
 
 
 class UpdatedSampling(Family):
@@ -51,12 +51,32 @@ class UpdatedSampling(Family):
     source: ClassVar[str] = "Andrieu2014"
 
     family: Literal["updated_sampling"] = "updated_sampling"
-    objective: Literal["max_period", "given_alpha"] = "max_period"
-    method: Literal["theorem_2_prime", "theorem_2"] = "theorem_2_prime"
-    variant: Literal["triangular", "last_row"] = "triangular"
-    alpha: PositiveNumber | None = None
-    c: Annotated[Expression, formula("coordinates", "inputs"), PlainSerializer(str)] | None = None
-    gain: Gain | None = None
+    objective: Literal["max_period", "given_alpha"] = Field(
+        default="max_period",
+        description="The longest guaranteed time between samples (max_period), or a design for the alpha that is typed "
+        "(given_alpha).",
+    )
+    method: Literal["theorem_2_prime", "theorem_2"] = Field(
+        default="theorem_2_prime",
+        description="The constants of the paper's Theorem 2, or those of a sharper form of it (theorem_2_prime).",
+    )
+    variant: Literal["triangular", "last_row"] = Field(
+        default="triangular",
+        description="Which entries of phi are uncertain: all on and below the diagonal, or those of the last row.",
+    )
+    alpha: PositiveNumber | None = Field(
+        default=None, description="Under given_alpha: the number alpha of the sampling rule."
+    )
+    c: Annotated[Expression, formula("coordinates", "inputs"), PlainSerializer(str)] | None = Field(
+        default=None,
+        description="How fast phi may change at an estimate: an expression of states and inputs, which is proved to "
+        "bound its slopes; found where left out.",
+    )
+    gain: Gain | None = Field(
+        default=None,
+        description="All of K, alpha, a1, a2 and a3, where they are given and only to be analysed; found where left "
+        "out.",
+    )
 
     def problems(self, plant: Plant, simulation: SimulationPlan | None) -> list[Problem]:
         from cdobs_cli.families.updated_sampling.structure import problems

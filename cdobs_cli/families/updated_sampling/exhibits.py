@@ -13,6 +13,7 @@ from cdobs_cli.plant import Plant
 from cdobs_cli.run import Run, Trajectory
 
 _TIME = "time (s)"
+MAX_TEETH = 40  # of a saw that an eye can follow
 _CAPTION = (
     "No sampling period is shorter while c stays below its bound. "
     "The last column is what the periods come down to for constant c."
@@ -37,18 +38,13 @@ def exhibits(plant: Plant, design: Design, check: Check | None, run: Run | None)
     charts: list[Chart] = []
     if run is not None and run.trajectories and len(run.trajectories[0].t_k) > 1:
         first = run.trajectories[0]
-        charts = [_measured(plant, first), _periods(first, check), _gain(first)]
+        charts = [*_inputs(first), _periods(first, check), _gain(first)]
     return Exhibits(tuple(charts), tuple(_tables(check)), _notes(design))
 
 
-def _measured(plant: Plant, run: Trajectory) -> Chart:
-    inputs = (_line(name, name, run, values) for name, values in run.inputs.items())
-    state = plant.states[0]
-    truth = Series(f"{state}(t)", run.t, run.x[:, 0], "line", "truth")
-    measured = Series("measured", run.t_k, run.y_k[:, 0], "points", "measured")
-    caption = "The known inputs, and the measurements at the instants that the observer asked for."
-    panels = (*inputs, Panel(_TIME, state, (truth, measured)))
-    return Chart("inputs_and_measurements", "Inputs and measurements", caption, panels)
+def _inputs(run: Trajectory) -> list[Chart]:
+    panels = tuple(_line(name, name, run, values) for name, values in run.inputs.items())
+    return [Chart("inputs", "Inputs", "The known inputs, in the first run.", panels)] if panels else []
 
 
 def _line(axis: str, name: str, run: Trajectory, values: Any, role: Role = "other") -> Panel:
@@ -65,13 +61,23 @@ def _periods(run: Trajectory, check: Check | None) -> Chart:
         series.append(Series("guaranteed", [float(run.t_k[1])], [float(bound.proved)], "limit", "proved"))
         caption += " The line is the period that is guaranteed."
     panel = Panel(_TIME, r"$\delta_k$ (s)", tuple(series))
-    return Chart("sampling_periods", "Updated sampling periods", caption, (panel,))
+    return Chart("sampling", "Updated sampling periods", caption, (panel,))
 
 
 def _gain(run: Trajectory) -> Chart:
     L, c = run.internals["L"], run.internals["c"]
-    panels = (_line("$L$", "L(t)", run, L, "estimate"), _line("$c$", "c at the estimate", run, c))
+    series: list[Series] = [Series("L(t)", run.t, L, "line", "estimate")]
     caption = "The gain L(t) falls towards 1 at samples and rises with c(x_hat, u) in between."
+    if len(run.t_k) > MAX_TEETH:
+        # The last grid point at an instant is just after its jump.
+        after = np.searchsorted(run.t, run.t_k, side="right") - 1
+        highest = np.maximum.reduceat(L, after)
+        series = [
+            Series("between two samples", run.t_k, L[after], "band", "estimate", highest),
+            Series("L just after a sample", run.t_k, L[after], "line", "estimate"),
+        ]
+        caption += " The band is how far L goes up from each sample to the next."
+    panels = (Panel(_TIME, "L", tuple(series)), _line("c", "c at the estimate", run, c))
     return Chart("high_gain", "High gain L", caption, panels)
 
 

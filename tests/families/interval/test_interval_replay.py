@@ -90,4 +90,4 @@ def test_the_command_writes_the_run_and_its_figure(tmp_path, cdobs):
     assert (folder / "witness_positivity_run.npz").is_file()
     assert (folder / "figures" / "witness_positivity_run.svg").is_file()
     assert cdobs("report", "p.yaml").returncode in (0, 1)
-    assert "a box of x(0) and a word of sampling periods" in (folder / "report.md").read_text()
+    assert "A box of x(0) and a word of sampling periods" in (folder / "report.md").read_text()

@@ -26,10 +26,10 @@ from lpv_plants import (
 )
 
 from cdobs_cli.certificate import Check
-from cdobs_cli.certify.falsify import refutes
 from cdobs_cli.certify.lmi import solver_log
 from cdobs_cli.certify.methods.spectral import SpectralRadius
 from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger
+from cdobs_cli.certify.words import refutes
 from cdobs_cli.design import Design
 from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.exact.numbers import Exact, ExactMatrix

@@ -32,6 +32,7 @@ such Q.
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
@@ -80,23 +81,64 @@ _LARGEST = ((10_000, 0, 0, 0), (10_000, 800, 350, 0), (10_000, 10_000, 1400, 400
 
 
 @dataclass(frozen=True)
-class Clock(Method):
-    """degree d of P and elevated degree D of the inequalities; pieces on [0, T_min] and on [T_min, T_max]; sigma;
-    basis: S in e = S z; P: the upper triangles of the Bernstein coefficients of z'P(tau)z."""
+class ClockFunction(Method):
+    """What functions of the error and the clock have in common: degree d of P and elevated degree D of the
+    inequalities; pieces; sigma; basis: S in e = S z; P: the upper triangles of the Bernstein coefficients of
+    z'P(tau)z."""
 
     degree: str
     elevated: str
-    pieces: list[str]
+    pieces: list[Any]
     sigma: str
     basis: list[list[str]]
     P: list[list[list[str]]]
 
-    name: ClassVar[str] = "clock"
     rung: ClassVar[str] = "clock"
-    source: ClassVar[str] = "clock-dependent Lyapunov function"
     how: ClassVar[str] = "exact Bernstein coefficients"
-    statement: ClassVar[str] = "A clock-dependent e'P(tau)e decreases along flows and does not grow at jumps"
     nonlinear_outputs: ClassVar[bool] = True
+
+    @classmethod
+    @abstractmethod
+    def shapes(cls, question: Question) -> Iterator[Any]:
+        """The schedule of shapes for this question, coarse to fine."""
+
+    @classmethod
+    @abstractmethod
+    def guess(cls, question: Question, shape: Any) -> Self | None:
+        """What the solver proposes for this gain and shape: not proved."""
+
+    @classmethod
+    def propose(cls, question: Question) -> Self | None:
+        """Of the first shape of the schedule, up to the effort, that gives one.
+
+        The memory remembers which corners bound before, from one period or gain to the next.
+        """
+        if not cls.applies(question):
+            return None
+        for shape in cls.shapes(question):
+            proposal = cls.guess(question, shape)
+            if proposal is not None and proposal.prove(question).holds:
+                return proposal
+        return None
+
+    @cached_property
+    def S(self) -> Matrix:
+        return rationals(self.basis)
+
+    @cached_property
+    def coefficients(self) -> list[Matrix]:
+        return [symmetric_from_upper(rows) for rows in self.P]
+
+
+@dataclass(frozen=True)
+class Clock(ClockFunction):
+    """pieces: on [0, T_min] and on [T_min, T_max]."""
+
+    pieces: list[str]
+
+    name: ClassVar[str] = "clock"
+    source: ClassVar[str] = "clock-dependent Lyapunov function"
+    statement: ClassVar[str] = "A clock-dependent e'P(tau)e decreases along flows and does not grow at jumps"
     in_the_mean: ClassVar[bool] = True
 
     @property
@@ -113,22 +155,11 @@ class Clock(Method):
         return not (is_linear_loop(question) and question.inclusion.balls.jump.is_rational)
 
     @classmethod
-    def propose(cls, question: Question) -> Self | None:
-        """Of the first shape of the schedule, up to the effort, that gives one.
-
-        The memory remembers which corners bound before, from one period or gain to the next.
-        """
-        if not cls.applies(question):
-            return None
-        for shape in shapes(question):
-            proposal = cls.guess(question, shape)
-            if proposal is not None and proposal.prove(question).holds:
-                return proposal
-        return None
+    def shapes(cls, question: Question) -> Iterator[Shape]:
+        return shapes(question)
 
     @classmethod
     def guess(cls, question: Question, shape: Shape) -> Self | None:
-        """What the solver proposes for this gain and shape: not proved."""
         met = _solve(question, shape, None)
         if met is None:
             return None
@@ -142,14 +173,6 @@ class Clock(Method):
     def shape(self) -> Shape:
         before, after = map(int, self.pieces)
         return Shape(int(self.degree), int(self.elevated), before, after, _points(self.law))
-
-    @cached_property
-    def S(self) -> Matrix:
-        return rationals(self.basis)
-
-    @cached_property
-    def coefficients(self) -> list[Matrix]:
-        return [symmetric_from_upper(rows) for rows in self.P]
 
     def _prove(self, question: Question) -> Proof:
         law, shape, sigma, P = self.law, self.shape, rate_of(self.sigma), self.coefficients
@@ -327,7 +350,9 @@ def shapes(question: Question) -> Iterator[Shape]:
     if not 0 < T_max < 1e12 or not is_small(question.inclusion):
         return
     N = question.inclusion.floats.base.shape[0]
-    for (d, D, pieces), largest in zip(_SCHEDULE, _LARGEST[question.level], strict=True):
+    # From T_min = 0 coarse shapes end early; for two states a finer one is quick.
+    level = min(question.level + 1, len(_LARGEST) - 1) if law.from_zero and N <= 2 else question.level
+    for (d, D, pieces), largest in zip(_SCHEDULE, _LARGEST[level], strict=True):
         if law.is_lossy:
             pieces = max(1, pieces // (law.lost + 1)) * (law.lost + 1)
         if (pieces * d + 1) * N * (N + 1) // 2 > largest:
@@ -359,6 +384,8 @@ def design_impulsive(question: Question, letter: str = "K") -> tuple[ExactMatrix
         if law.T_max.rational is None:
             return None
         away = question.under(SamplingLaw("aperiodic", Exact(law.T_max.rational / 8), law.T_max))
+        if question.inclusion.floats.base.shape[0] <= 2:
+            away = away.with_effort(question.effort + 1)  # as `shapes` goes further from 0
     for shape in shapes(away):
         K = _guess_gain(away, shape)
         if K is None:

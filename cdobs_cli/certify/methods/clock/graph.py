@@ -28,10 +28,10 @@ from flint import arb
 from cdobs_cli.certify.definite import eigenvalue_range, has_positive_pivots
 from cdobs_cli.certify.levels import Level
 from cdobs_cli.certify.linear import is_linear
-from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question
-from cdobs_cli.certify.methods.clock.certificate import is_small, largest_states, least_eigenvalue
+from cdobs_cli.certify.methods.base import NOTHING, Proof, Question
+from cdobs_cli.certify.methods.clock.certificate import ClockFunction, is_small, largest_states, least_eigenvalue
 from cdobs_cli.certify.methods.clock.form import GraphShape, flow_coefficients, in_basis, jump_gap, lyapunov
-from cdobs_cli.certify.texts import rate_of, rationals, symmetric_from_upper, upper_texts
+from cdobs_cli.certify.texts import rate_of, upper_texts
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, fraction_text
 from cdobs_cli.graph import Edge
@@ -46,23 +46,14 @@ _LARGEST = ((2000, 0, 0, 0), (2500, 1200, 800, 0), (4000, 4000, 2000, 1000), (60
 
 
 @dataclass(frozen=True)
-class ClockGraph(Method):
-    """degree d of the P_q and elevated degree D of the inequalities; pieces of each between breaks; sigma; basis: S in
-    e = S z; P: the upper triangles of the Bernstein coefficients of z'P_q(tau)z, one P_q after the other."""
+class ClockGraph(ClockFunction):
+    """pieces: of each node between its breaks; P: of one P_q after the other."""
 
-    degree: str
-    elevated: str
     pieces: list[list[str]]
-    sigma: str
-    basis: list[list[str]]
-    P: list[list[list[str]]]
 
     name: ClassVar[str] = "clock_graph"
-    rung: ClassVar[str] = "clock"
     source: ClassVar[str] = "clock-dependent Lyapunov functions"
-    how: ClassVar[str] = "exact Bernstein coefficients"
     statement: ClassVar[str] = "A clock-dependent e'P_q(tau)e decreases along flows and does not grow at any sample"
-    nonlinear_outputs: ClassVar[bool] = True
     multirate: ClassVar[bool] = True
     by_graph: ClassVar[bool] = True
 
@@ -72,19 +63,11 @@ class ClockGraph(Method):
         return question.law.has_sensors and not is_linear(question.inclusion)
 
     @classmethod
-    def propose(cls, question: Question) -> Self | None:
-        """Of the first shape of the schedule, up to the effort, that gives one."""
-        if not cls.applies(question):
-            return None
-        for shape in shapes(question):
-            proposal = cls.guess(question, shape)
-            if proposal is not None and proposal.prove(question).holds:
-                return proposal
-        return None
+    def shapes(cls, question: Question) -> Iterator[GraphShape]:
+        return shapes(question)
 
     @classmethod
     def guess(cls, question: Question, shape: GraphShape) -> Self | None:
-        """What the solver proposes for this gain and shape: not proved."""
         from cdobs_cli.certify.methods.clock.graph_search import pose
 
         posed = pose(question, shape, given=True)
@@ -98,14 +81,6 @@ class ClockGraph(Method):
     @cached_property
     def shape(self) -> GraphShape:
         return GraphShape(int(self.degree), int(self.elevated), tuple(tuple(map(int, one)) for one in self.pieces))
-
-    @cached_property
-    def S(self) -> Matrix:
-        return rationals(self.basis)
-
-    @cached_property
-    def coefficients(self) -> list[Matrix]:
-        return [symmetric_from_upper(rows) for rows in self.P]
 
     def _prove(self, question: Question) -> Proof:
         shape, sigma, P, graph = self.shape, rate_of(self.sigma), self.coefficients, self.law.graph

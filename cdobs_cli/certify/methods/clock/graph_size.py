@@ -19,7 +19,6 @@ Source: cdobs, error bounds
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -30,10 +29,11 @@ import numpy as np
 from flint import arb
 
 from cdobs_cli.certify import search
-from cdobs_cli.certify.methods.base import NOTHING, Proof, Question, Reach
+from cdobs_cli.certify.methods.base import NOTHING, Proof, Question
 from cdobs_cli.certify.methods.clock.certificate import is_small, largest_states
 from cdobs_cli.certify.methods.clock.graph import ClockGraph, shapes, unit
 from cdobs_cli.certify.methods.mean_square.signals import bounded_floats, noise_floats
+from cdobs_cli.certify.methods.of_state import OfState, UnderBounded, UnderWhite
 from cdobs_cli.certify.methods.peak.signals import acting, acting_sizes
 from cdobs_cli.certify.methods.peak.state import number_of
 from cdobs_cli.certify.methods.response import error_sizes
@@ -41,7 +41,7 @@ from cdobs_cli.certify.texts import rate_of, upper_texts
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, fraction_text
-from cdobs_cli.plant import Box, Plant
+from cdobs_cli.plant import Box
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
@@ -56,18 +56,10 @@ _POLICIES, _SLACK = 200, 1e-9
 
 
 @dataclass(frozen=True)
-class GraphSize(ClockGraph):
+class GraphSize(OfState, ClockGraph):
     """A certificate over a timed graph at a rate above 0, and the state (its number) whose error it bounds."""
 
     state: str
-
-    how: ClassVar[str] = "exact Bernstein coefficients"
-    of_one_state: ClassVar[bool] = True
-
-    @classmethod
-    @abstractmethod
-    def is_about(cls, plant: Plant) -> bool:
-        """Whether what is declared is of its kind."""
 
     @classmethod
     def applies(cls, question: Question) -> bool:
@@ -198,37 +190,17 @@ def sums(count: int, links: Sequence[tuple[int, int, float]], added: Sequence[fl
 
 
 @dataclass(frozen=True)
-class GraphPeak(GraphSize):
+class GraphPeak(UnderBounded, GraphSize):
     """Of bounded disturbance and noise."""
 
     name: ClassVar[str] = "graph_peak"
-    rung: ClassVar[str] = "peak"
-    statement: ClassVar[str] = "The error stays bounded"
-    reach: ClassVar[Reach] = "error bound"
-
-    @classmethod
-    def is_about(cls, plant: Plant) -> bool:
-        return plant.has_only_bounded
-
-    def quantity(self, plant: Plant) -> str:
-        return f"error.{plant.states[number_of(self.state, plant)]}"
 
 
 @dataclass(frozen=True)
-class GraphMeanSquare(GraphSize):
+class GraphMeanSquare(UnderWhite, GraphSize):
     """Where one of disturbance and noise is white, or both."""
 
     name: ClassVar[str] = "graph_mean_square"
-    rung: ClassVar[str] = "mean_square"
-    statement: ClassVar[str] = "The mean square of the error stays bounded"
-    reach: ClassVar[Reach] = "mean square"
-
-    @classmethod
-    def is_about(cls, plant: Plant) -> bool:
-        return plant.has_white
-
-    def quantity(self, plant: Plant) -> str:
-        return f"rms.{plant.states[number_of(self.state, plant)]}"
 
 
 def _rates(question: Question) -> list[Fraction]:

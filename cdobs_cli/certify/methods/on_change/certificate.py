@@ -38,9 +38,10 @@ from flint import arb
 from cdobs_cli.certificate import Claim
 from cdobs_cli.certify.definite import has_positive_pivots
 from cdobs_cli.certify.levels import Level
-from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
+from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question
 from cdobs_cli.certify.methods.clock.certificate import is_small, largest_states
 from cdobs_cli.certify.methods.clock.form import GraphShape, flow_coefficients, lyapunov
+from cdobs_cli.certify.methods.of_state import UnderBounded
 from cdobs_cli.certify.methods.on_change.form import Setting, drop, factors, flow_gap, silent_gap, weighted_outputs
 from cdobs_cli.certify.methods.peak.state import number_of
 from cdobs_cli.certify.texts import rate_of, rational, symmetric_from_upper
@@ -223,7 +224,7 @@ class OnChange(Method):
 
 
 @dataclass(frozen=True)
-class OnChangePeak(OnChange):
+class OnChangePeak(UnderBounded, OnChange):
     """The same with N, which bounds the error of one state (its number): the upper triangles of its coefficients, nu of
     the outputs, gamma_N of the disturbances that are not 0."""
 
@@ -233,10 +234,6 @@ class OnChangePeak(OnChange):
     state: str
 
     name: ClassVar[str] = "on_change_peak"
-    rung: ClassVar[str] = "peak"
-    statement: ClassVar[str] = "The error stays bounded"
-    reach: ClassVar[Reach] = "error bound"
-    of_one_state: ClassVar[bool] = True
 
     @classmethod
     def applies(cls, question: Question) -> bool:
@@ -284,9 +281,6 @@ class OnChangePeak(OnChange):
 
     def claims(self, question: Question, proof: Proof) -> list[Claim]:
         return Method.claims(self, question, proof)
-
-    def quantity(self, plant: Plant) -> str:
-        return f"error.{plant.states[number_of(self.state, plant)]}"
 
 
 def _positive(M: Matrix) -> bool:

@@ -33,6 +33,7 @@ M_ = TypeVar("M_", bound=Method)
 _DIGITS, _RATE_DIGITS = 12, 6
 _STRICT = 1e-6  # by which inequalities are to hold, in scaled units
 _LARGEST = 1e6  # of P: where no error is left in the long run the least level has none
+_AT_ONCE = 16  # messages at one instant, in the long run, where a gain is looked for
 _SCAN = tuple(2.0**k for k in range(-8, 4))  # rates, over the fastest of the plant
 _STEPS = (3, 5, 8, 12)  # halvings of the scan's step round its best rate, by effort
 _SHAPES = (GraphShape(2, 3, ((1,),)), GraphShape(3, 4, ((1,),)), GraphShape(3, 4, ((2,),)), GraphShape(3, 5, ((4,),)))
@@ -176,6 +177,8 @@ class Search:
         for k in range(self.shape.count):
             yield partial(lambda k, x: self._coefficients(x)[k] - strict, k)
         yield lambda x: largest - self._end(x)
+        if self.family is None and self.p > 1:  # of one sensor a message leaves nothing to send
+            yield from (partial(self._takes, C) for C in self.scaled.C)
         yield lambda x: silent_gap(self._enlarged(x)[0], self._coefficients(x)[0], self._outputs(x, "nu")) - strict
         if self.is_checked:
             yield lambda x: self._outputs(x, "mu") - x["D0"] - strict
@@ -185,6 +188,12 @@ class Search:
             yield from (partial(self._flow, rate, A) for A in self.scaled.corners)
         for k in range(self.shape.count):
             yield partial(self._aimed, k)
+
+    def _takes(self, C: Array, x: Values) -> Array:
+        """P - C_i'C_i / m: each message takes so much of the final level that m at once are the most. Without, a P of
+        little but one rank may be best, of whose gains each sensor undoes what the other did."""
+        rest: Array = self._end(x) - np.outer(C, C) / _AT_ONCE
+        return rest
 
     def _aimed(self, k: int, x: Values) -> Array:
         """N - e_j e_j', or X >= N^-1."""

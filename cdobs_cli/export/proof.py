@@ -1,0 +1,167 @@
+"""A proof that a sceptic checks: plant, gain, law and certificates as fractions, and a checker that stands alone."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from fractions import Fraction
+from importlib.resources import files
+from typing import Any
+
+from flint import arb, fmpq
+
+from cdobs_cli.certificate import Certificate
+from cdobs_cli.certify.accuracy import METHODS as METHODS_OF_ERRORS
+from cdobs_cli.certify.methods.base import read
+from cdobs_cli.design import Design
+from cdobs_cli.errors import UsageError
+from cdobs_cli.exact.matrix import Matrix
+from cdobs_cli.exact.numbers import Exact, ExactMatrix, fmpq_fraction, upper_text
+from cdobs_cli.export.about import About
+from cdobs_cli.families.base import Family
+from cdobs_cli.families.constant_gain import ConstantGain
+from cdobs_cli.hybrid import PlantView
+from cdobs_cli.plant import Box, Plant
+from cdobs_cli.sampling import SamplingLaw
+
+CHECKER = "check_proof.py"
+METHODS = ("clock", "mean_square", "peak")
+_KINDS = {"reachability": ("corrected", "K"), "lpv_zoh": ("held", "L")}
+_ROOM = Fraction(1, 10**9)  # by which a stated bound is above the certificate's own, which roots and decimals round
+
+
+class _NoFractionError(Exception):
+    """A number that is no fraction."""
+
+
+def proof_files(about: About, card: Family, plant: Plant, design: Design) -> dict[str, str]:
+    """proof.json and the checker: of the certificates of the design's own gain those of `METHODS` that hold.
+
+    Raises:
+        UsageError: nothing of the design can be checked with fractions alone.
+    """
+    chosen = list(_proved(card, plant, design)) if isinstance(card, ConstantGain) and design.family in _KINDS else []
+    if design.sampling.has_sensors or not chosen:
+        held = ", ".join(dict.fromkeys(one.method for one in design.certificates)) or "none"
+        raise UsageError(
+            f"a proof is written of certificates by {', '.join(METHODS)} of one gain; this design of family "
+            f"{design.family} has certificates by {held}"
+        )
+    if plant.delays:
+        raise UsageError(
+            "a proof is written of samples that are there at once; what is late is proved by `cdobs check`"
+        )
+    kind, letter = _KINDS[design.family]
+    if kind == "held" and plant.output_quantities:
+        raise UsageError("a proof with a held innovation is written of linear outputs only")
+    try:
+        certificates = [_certificate(one, bound) for one, bound in chosen]
+        document = {
+            "schema_version": 1, "title": about.title, "verdict": about.verdict, "told": list(about.told),
+            "digests": dict(about.digests), "time_unit": about.labels.time, "observer": kind,
+            "plant": _plant(plant), "gain": _rows(design.gain[letter]), "certificates": certificates,
+        }  # fmt: skip
+    except _NoFractionError as error:
+        raise UsageError(f"a proof holds fractions only: {error}") from error
+    checker = files(__package__).joinpath(CHECKER).read_text(encoding="utf-8")
+    return {"proof/proof.json": json.dumps(document, indent=1) + "\n", f"proof/{CHECKER}": checker}
+
+
+def _proved(card: ConstantGain, plant: Plant, design: Design) -> Iterator[tuple[Certificate, arb | None]]:
+    """Certificates that hold, and the bound of an error that each proves."""
+    question = card.question(replace(plant, sampling=design.sampling), design.gain, 0)
+    for one in design.certificates:
+        if one.method not in METHODS or card.letter in one.data:
+            continue
+        stored = read(one, (*card.methods(), *METHODS_OF_ERRORS), (card.letter,))
+        proof = None if stored is None else stored.method.prove(question)
+        if proof is not None and proof.holds:
+            yield one, proof.error
+
+
+def _plant(plant: Plant) -> dict[str, Any]:
+    view = PlantView.balls(plant, {})
+    C = view.C
+    for part, low, high in zip(view.outputs, view.output_lower, view.output_upper, strict=True):
+        C = C - part * ((low + high) / 2)
+    return {
+        "states": list(plant.states), "phi": [str(row) for row in plant.phi],
+        "A": _fractions(view.A), "C": _fractions(C),
+        "slopes": _slopes(view.parts, view.lower, view.upper),
+        "outputs": _slopes(view.outputs, view.output_lower, view.output_upper),
+        "disturbance": _sizes(plant.disturbance), "noise": _sizes(plant.noise),
+        "intensity": None if plant.intensity is None else _rows(plant.intensity),
+        "covariance": None if plant.covariance is None else _rows(plant.covariance),
+    }  # fmt: skip
+
+
+def _slopes(parts: tuple[Matrix, ...], lower: tuple[Any, ...], upper: tuple[Any, ...]) -> list[dict[str, Any]]:
+    return [
+        {"part": _fractions(part), "lower": _fraction(low), "upper": _fraction(high)}
+        for part, low, high in zip(parts, lower, upper, strict=True)
+    ]
+
+
+def _sizes(box: Box | None) -> list[str] | None:
+    return None if box is None else [_fraction(size) for size in box.sizes]
+
+
+def _rows(M: ExactMatrix) -> list[list[str]]:
+    return _fractions(M.balls())
+
+
+def _fractions(M: Matrix) -> list[list[str]]:
+    return [[_fraction(value) for value in row] for row in M.tolist()]
+
+
+def _fraction(value: Any) -> str:
+    if isinstance(value, int):
+        return str(value)
+    if not isinstance(value, fmpq):
+        raise _NoFractionError(f"about {float(arb(value).mid()):.6g} is none")
+    return str(fmpq_fraction(value))
+
+
+def _text(text: str) -> str:
+    exact = Exact(text).rational
+    if exact is None:
+        raise _NoFractionError(f"{text} is none")
+    return str(exact)
+
+
+def _texts(value: Any) -> Any:
+    """Decimals, however deep they stand."""
+    return _text(value) if isinstance(value, str) else [_texts(one) for one in value]
+
+
+def _certificate(one: Certificate, bound: arb | None) -> dict[str, Any]:
+    data = one.data
+    if one.method == "clock":
+        written = {
+            "degrees": [int(data["degree"]), int(data["elevated"])], "pieces": list(map(int, data["pieces"])),
+            "sigma": _text(data["sigma"]), "basis": _texts(data["basis"]), "P": _texts(data["P"]),
+        }  # fmt: skip
+    elif one.method == "mean_square":
+        d, D, before, after = map(int, data["shape"])
+        written = {"degrees": [d, D], "pieces": [before, after], "units": _texts(data["units"]), "P": _texts(data["P"])}
+    else:
+        start = data.get("start")
+        chains = [_chain(chain) for chain in data["chains"]]
+        written = {"state": int(data["state"]), "start": None if start is None else _texts(start), "chains": chains}
+    if bound is not None:
+        written["bound"] = str((Exact(upper_text(bound)).rational or Fraction(0)) * (1 + _ROOM))
+    return {"method": one.method, "law": _law(one.sampling), "data": written}
+
+
+def _chain(chain: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "window": _texts(chain["window"]), "degrees": [int(chain["degree"]), int(chain["elevated"])],
+        "pieces": [list(map(int, one)) for one in chain["pieces"]], "rho": _text(chain["rho"]),
+        "P": _texts(chain["P"]), "mu": _texts(chain["mu"]), "nu": _texts(chain["nu"]),
+    }  # fmt: skip
+
+
+def _law(law: SamplingLaw) -> dict[str, Any]:
+    ends = {"T_min": _text(str(law.T_min)), "T_max": _text(str(law.T_max))}
+    return ends | {"lost": law.lost, "probability": _text(str(law.probability))}
