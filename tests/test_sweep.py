@@ -310,3 +310,10 @@ def test_figures_of_one_field_two_fields_and_three() -> None:
     assert verdicts.label == "proved" and draw(two)["svg"] and b",100.0,1.0,4.0" in chart_csv(two)
     assert sweep_charts(axes(["a=1", "b=1", "c=1"]), [["1"]] * 3, rows[:1]) == []
     assert sweep_charts(axes(["a=1"]), [["1"]], [row()]) == []
+
+
+def test_what_the_spec_expects_is_of_its_own_values(tmp_path: Path) -> None:
+    (tmp_path / "p.yaml").write_text(GIVEN + "expect:\n  - {quantity: verdict, equals: refuted}\n")
+    done = sweep(tmp_path, "--set", "measurement.sampling.period=0.3,0.4")
+    assert done.returncode == 0, done.stderr
+    assert {row["message"] for row in table(tmp_path)} == {""}
