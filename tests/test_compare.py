@@ -147,3 +147,13 @@ def test_numbers_are_shortened_to_the_safe_side() -> None:
     assert "\x1b" not in "".join(text_lines([wild, row], ["x"]))
     page = compare_page("<t>", [wild], ["x"], ["<i>"], None, {})
     assert b"<script>" not in page and b"<b>" not in page and b"<i>" not in page and b"<t>" not in page
+
+
+def test_poles_are_placed_where_the_nonlinearity_couples_the_states(tmp_path: Path) -> None:
+    coupled = QUIET.replace("A: [[0, 1], [0, 0]]", "A: [[0, 0], [0, 0]]")
+    coupled = coupled.replace('"0", "sin(theta)"', '"sin(omega)", "0"').replace("[[0, 0], [1, 0]]", "[[0, 1], [0, 0]]")
+    told = compare(tmp_path, "p.yaml", p=coupled)
+    assert told.returncode == 1, told.stderr
+    assert "poles are placed" not in told.stdout
+    assert {"constant gain, placed", "output predictor beside p"} <= set(table(tmp_path))
+    assert "Figure 1." in (tmp_path / "results/p/compare/compare.html").read_text()

@@ -1,4 +1,4 @@
-"""A copy of the model with a constant gain at a constant period: no proof, poles placed on the linear part."""
+"""A copy of the model with a constant gain at a constant period: no proof, poles placed on the linearised plant."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from cdobs_cli.plant import Plant, weighted
 PREFIX = "hat."
 
 
-def placed_gain(plant: Plant, period: float, radius: float) -> ExactMatrix:
-    """K with all eigenvalues of (I - K C) exp(A period) at `radius`, by Ackermann's formula; one output. Shape (n, 1).
+def placed_gain(A: Array, C: Array, period: float, radius: float) -> ExactMatrix:
+    """K (n, 1) with all eigenvalues of (I - K C) exp(A period) at `radius`, by Ackermann's formula. A (n, n), C (1, n).
 
     Raises: ValueError where the pair cannot be observed at this period.
     """
     from scipy.linalg import expm
 
-    Phi: Array = np.array(expm(np.array(plant.A.floats) * period), dtype=np.float64)
+    Phi: Array = np.array(expm(A * period), dtype=np.float64)
     # (I - K C) Phi is similar to Phi (I - K C): an observer in filter form, its gain is Phi^-1 times the predictor's.
-    predictor = placed(Phi, np.array(plant.C.floats), radius)
+    predictor = placed(Phi, C, radius)
     return ExactMatrix.from_floats(_solved(Phi, predictor), 12)
 
 

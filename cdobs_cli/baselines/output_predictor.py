@@ -9,8 +9,7 @@ Source: Karafyllis2009
 
 from __future__ import annotations
 
-import numpy as np
-
+from cdobs_cli.arrays import Array
 from cdobs_cli.baselines.poles import placed
 from cdobs_cli.exact.expression import Expression, Variable
 from cdobs_cli.exact.numbers import ExactMatrix
@@ -20,12 +19,12 @@ from cdobs_cli.plant import Plant, weighted
 PREFIX = "predicted."
 
 
-def predictor_gain(plant: Plant, rate: float) -> ExactMatrix:
-    """L with all eigenvalues of A - L C at -rate, by Ackermann's formula; one output. Shape (n, 1).
+def predictor_gain(A: Array, C: Array, rate: float) -> ExactMatrix:
+    """L (n, 1) with all eigenvalues of A - L C at -rate, by Ackermann's formula. A (n, n), C (1, n).
 
     Raises: ValueError where the pair is not observable.
     """
-    return ExactMatrix.from_floats(placed(np.array(plant.A.floats), np.array(plant.C.floats), -rate), 12)
+    return ExactMatrix.from_floats(placed(A, C, -rate), 12)
 
 
 def output_predictor(plant: Plant, L: ExactMatrix) -> Observer:

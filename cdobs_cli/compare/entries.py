@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
+from cdobs_cli.arrays import Array
 from cdobs_cli.baselines.constant_gain import placed_gain
+from cdobs_cli.baselines.poles import linearised
 from cdobs_cli.errors import SpecError, UsageError
 from cdobs_cli.families import FAMILIES
 from cdobs_cli.spec.auto_block import AutoBlock, Choice
@@ -133,8 +135,14 @@ def must_be_placed(spec: Spec) -> None:
         )
 
 
+def linearised_at_start(spec: Spec) -> tuple[Array, Array]:
+    """A and C of the plant where its runs begin to estimate. Raises: ValueError where it has no derivative there."""
+    start = None if spec.simulation is None else spec.simulation.initial_estimate
+    return linearised(spec.plant, [0.0] * spec.plant.n if start is None else [float(one) for one in start])
+
+
 def _placed(spec: Spec) -> str:
     """Rows of K, for the largest period. Raises: ValueError where there is none."""
     must_be_placed(spec)
-    K = placed_gain(spec.plant, float(spec.plant.sampling.period), POLES)
+    K = placed_gain(*linearised_at_start(spec), float(spec.plant.sampling.period), POLES)
     return str(K.texts()).replace("'", '"')

@@ -10,7 +10,7 @@ from typing import Any
 
 from cdobs_cli.baselines.output_predictor import output_predictor, predictor_gain
 from cdobs_cli.certificate import Bound
-from cdobs_cli.compare.entries import POLES, Entry, must_be_placed
+from cdobs_cli.compare.entries import POLES, Entry, linearised_at_start, must_be_placed
 from cdobs_cli.comparison import errors_beside
 from cdobs_cli.design import Design
 from cdobs_cli.outcome import Result
@@ -106,7 +106,7 @@ def predictor_figures(of: Figures, spec: Spec, result: Result) -> Figures | str 
     try:
         must_be_placed(spec)
         rate = -math.log(POLES) / float(system.plant.sampling.period)
-        predictor = output_predictor(system.plant, predictor_gain(system.plant, rate))
+        predictor = output_predictor(system.plant, predictor_gain(*linearised_at_start(spec), rate))
         rmse = errors_beside(
             system, predictor, spec.simulation, design.sampling, of.seeds or 1, late=system.plant.is_perturbed
         )

@@ -22,7 +22,9 @@ from cdobs_cli.report.blocks import (
     Mathematics,
     Paragraph,
     Picture,
+    Section,
     Term,
+    numbered,
 )
 from cdobs_cli.report.equations import mathml_block
 from cdobs_cli.report.glossary import glossary, linked
@@ -60,7 +62,8 @@ def _anchor(title: str) -> str:
 
 def blocks_page(title: str, blocks: Sequence[Block], pictures: Mapping[str, bytes]) -> str:
     """A page of blocks below a heading, for what is no report of one spec."""
-    body = [f"<h1>{escape(title)}</h1>", *(_block(block, pictures) for block in blocks)]
+    (section,) = numbered([Section(title, tuple(blocks))])
+    body = [f"<h1>{escape(title)}</h1>", *(_block(block, pictures) for block in section.blocks)]
     return page(escape(title), "\n".join(body), wide=True)
 
 

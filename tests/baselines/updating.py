@@ -96,7 +96,7 @@ class Comparison:
         )
 
     def constant(self, period: str, radius: float) -> Point:
-        K = placed_gain(self.spec.plant, float(Exact(period)), radius)
+        K = placed_gain(self.spec.plant.A.floats, self.spec.plant.C.floats, float(Exact(period)), radius)
         law = SamplingLaw.periodic(Exact(period))
         return self.point("constant period", f"period {period}, poles {radius}", constant_gain(self.spec.plant, K), law)
 
