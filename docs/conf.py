@@ -7,7 +7,8 @@ from cdobs_cli import __version__
 project = "cdobs"
 author = "the authors of cdobs"
 release = version = __version__
-extensions = ["myst_parser"]
+extensions = ["myst_nb"]  # Markdown, and the notebook as it was run
+nb_execution_mode = "off"
 # Links to headings of other pages are checked as well.
 myst_heading_anchors = 4
 nitpicky = True

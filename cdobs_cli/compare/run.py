@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cdobs_cli.batch import Settings, jobs
@@ -22,68 +22,89 @@ FOLDER, TABLE, TIMES, PAGE = "compare", "compare.csv", "compare_times.csv", "com
 STAGES = ("synthesize", "check", "simulate")
 
 
+@dataclass(frozen=True)
+class Comparing:
+    """What is compared, and the folder of everything."""
+
+    asked: Compared
+    folder: Path
+
+    @staticmethod
+    def of(paths: Sequence[Path], settings: Settings) -> Comparing:
+        """Raises: SpecError, UsageError."""
+        specs = []
+        for job in jobs(paths, settings.out, writing=False):
+            if job.refused is not None:
+                raise UsageError(f"{job.spec}: {job.refused}")
+            specs.append(job.spec)
+        folder = settings.out / specs[0].stem / FOLDER
+        return Comparing(compared(specs, settings.effort, folder), folder)
+
+    @property
+    def page(self) -> Path:
+        return self.folder / PAGE
+
+    def carried_out(self, settings: Settings, console: Console) -> tuple[list[Result], bool]:
+        """Every observer, and whether all were carried out. Raises: ToolError."""
+        sweep(self.folder)
+        points, names = zip(*((entry.point, entry.name) for entry in self.asked.entries), strict=True)
+        settings = replace(settings, out=self.folder, no_report=True)
+        return carried_out(points, names, STAGES, settings, console, shown=False)
+
+    def rows(self, results: Sequence[Result]) -> tuple[list[Figures], list[str]]:
+        """Each observer, behind a spec's own the baselines on its measurements; and what is not there."""
+        rows, notes = [], list(self.asked.notes)
+        for entry, result in zip(self.asked.entries, results, strict=True):
+            unit = self.asked.specs[entry.place].labels.time
+            rows.append(figures_of(entry, result, entry.point.seconds(), self.asked.states, unit))
+            if entry.kind == "spec":
+                own, spec = rows[-1], self.asked.specs[entry.place]
+                for beside in (filter_figures(own, result), predictor_figures(own, spec, result)):
+                    if isinstance(beside, Figures):
+                        rows.append(beside)
+                    elif beside is not None:
+                        notes.append(beside)
+        if not any(spec.simulation for spec in self.asked.specs):
+            notes.append("Nothing is run: the spec has no simulation block.")
+        return rows, list(dict.fromkeys(notes))
+
+    def write(self, rows: Sequence[Figures], notes: Sequence[str]) -> list[Path]:
+        """Tables, page and figure; returns the table and the page. Raises: ToolError."""
+        states = self.asked.states
+        store, chart = Store(self.folder), compare_chart(rows, states)
+        charts = [] if chart is None else [chart]
+        pictures, files = Drawings.of(store.read_bytes).drawn(charts, ("svg",))
+        title = f"{self.asked.specs[0].title}: observers compared"
+        tables = {TABLE: compare_csv(rows, states), TIMES: times_csv(rows)}
+        store.write_files(tables | {PAGE: compare_page(title, rows, states, notes, chart, pictures)} | files)
+        return [self.folder / TABLE, self.page]
+
+
 def carry_out(paths: Sequence[Path], settings: Settings, console: Console) -> ExitCode:
     """Compare what takes the plant of the specs. The exit code is that of the specs themselves: what a baseline does
     not prove is no finding of theirs; a crash of any is one of the tool.
 
     Raises: UsageError, ToolError.
     """
-    specs = []
-    for job in jobs(paths, settings.out, writing=False):
-        if job.refused is not None:
-            raise UsageError(f"{job.spec}: {job.refused}")
-        specs.append(job.spec)
-    folder = settings.out / specs[0].stem / FOLDER
     try:
-        asked = compared(specs, settings.effort, folder)
+        this = Comparing.of(paths, settings)
     except SpecError as error:
         problem = error.problems[0]
-        invalid = Result(problem.file or str(specs[0]), "invalid", tuple(map(Message.from_problem, error.problems)))
+        invalid = Result(problem.file or str(paths[0]), "invalid", tuple(map(Message.from_problem, error.problems)))
         console.show(invalid)
         console.finish("compare", [invalid], ExitCode.INVALID)
         return ExitCode.INVALID
-    sweep(folder)
-    points, names = [entry.point for entry in asked.entries], [entry.name for entry in asked.entries]
-    settings = replace(settings, out=folder, no_report=True)
-    results, is_whole = carried_out(points, names, STAGES, settings, console, shown=False)
+    results, is_whole = this.carried_out(settings, console)
     if not is_whole:
         console.finish("compare", results, ExitCode.FAILED)
         return ExitCode.FAILED
-    rows, notes = _rows(asked, results)
-    written = _write(asked, rows, notes, folder)
-    counted = [result for entry, result in zip(asked.entries, results, strict=True)
+    rows, notes = this.rows(results)
+    written = this.write(rows, notes)
+    counted = [result for entry, result in zip(this.asked.entries, results, strict=True)
                if entry.kind == "spec" or result.status == "failed"]  # fmt: skip
     code = exit_code(counted)
     if console.format == "text" and not console.quiet:
-        for told in (*text_lines(rows, asked.states), *notes, f"written: {', '.join(map(str, written))}"):
+        for told in (*text_lines(rows, this.asked.states), *notes, f"written: {', '.join(map(str, written))}"):
             say(line(told))
     console.finish("compare", results, code) if console.format != "text" else None
     return code
-
-
-def _rows(asked: Compared, results: Sequence[Result]) -> tuple[list[Figures], list[str]]:
-    """Each observer, behind a spec's own the baselines on its measurements; and what is not there."""
-    rows, notes = [], list(asked.notes)
-    for entry, result in zip(asked.entries, results, strict=True):
-        unit = asked.specs[entry.place].labels.time
-        rows.append(figures_of(entry, result, entry.point.seconds(), asked.states, unit))
-        if entry.kind == "spec":
-            own, spec = rows[-1], asked.specs[entry.place]
-            for beside in (filter_figures(own, result), predictor_figures(own, spec, result)):
-                if isinstance(beside, Figures):
-                    rows.append(beside)
-                elif beside is not None:
-                    notes.append(beside)
-    if not any(spec.simulation for spec in asked.specs):
-        notes.append("Nothing is run: the spec has no simulation block.")
-    return rows, list(dict.fromkeys(notes))
-
-
-def _write(asked: Compared, rows: Sequence[Figures], notes: Sequence[str], folder: Path) -> list[Path]:
-    store, chart = Store(folder), compare_chart(rows, asked.states)
-    charts = [] if chart is None else [chart]
-    pictures, files = Drawings.of(store.read_bytes).drawn(charts, ("svg",))
-    title = f"{asked.specs[0].title}: observers compared"
-    tables = {TABLE: compare_csv(rows, asked.states), TIMES: times_csv(rows)}
-    store.write_files(tables | {PAGE: compare_page(title, rows, asked.states, notes, chart, pictures)} | files)
-    return [folder / TABLE, folder / PAGE]

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from textwrap import shorten
 
+from cdobs_cli.chart import Chart
 from cdobs_cli.printable import printable
 from cdobs_cli.report import prose
 from cdobs_cli.report.blocks import (
@@ -27,6 +28,7 @@ from cdobs_cli.report.blocks import (
     numbered,
 )
 from cdobs_cli.report.equations import mathml_block
+from cdobs_cli.report.figures import draw
 from cdobs_cli.report.glossary import glossary, linked
 from cdobs_cli.report.model import Report
 from cdobs_cli.report.numbers import NOTHING
@@ -65,6 +67,25 @@ def blocks_page(title: str, blocks: Sequence[Block], pictures: Mapping[str, byte
     (section,) = numbered([Section(title, tuple(blocks))])
     body = [f"<h1>{escape(title)}</h1>", *(_block(block, pictures) for block in section.blocks)]
     return page(escape(title), "\n".join(body), wide=True)
+
+
+def fragment(report: Report, titles: Sequence[str], *, headed: bool = False) -> str:
+    """Some sections of a report without their figures, as a part of another page: nothing in it leads elsewhere.
+
+    headed: whether the verdict stands above them.
+    """
+    told = {section.title: section for section in sections(report)}
+    body = [_headline(report)] if headed else []
+    for section in (told[title] for title in titles if title in told):
+        body += [_block(block, {}) for block in section.blocks if not isinstance(block, Picture)]
+    return re.sub(r'<a [^>]*href="#[^>]*>(.*?)</a>', r"\1", "\n".join(body))
+
+
+def pictures_html(charts: Sequence[Chart]) -> str:
+    """Figures with their captions, as a part of another page, whatever its colours are."""
+    drawn = {chart.name: draw(chart)["svg"] for chart in charts}
+    blocks = (_block(Picture(chart, number), drawn) for number, chart in enumerate(charts, start=1))
+    return f'<div style="background: white; color: black">{"".join(blocks)}</div>'
 
 
 def _headline(report: Report) -> str:

@@ -146,15 +146,16 @@ def _lines(mapping: Mapping[str, Any], depth: int) -> list[str]:
         if isinstance(value, dict) and value and depth + 1 < _OWN_LINES:
             rows += [f"{head}\n", *_lines(value, depth + 1)]
         else:
-            rows.append(f"{head} {_flow(value)}\n")
+            rows.append(f"{head} {flow_text(value)}\n")
     return rows
 
 
-def _flow(value: Any) -> str:
+def flow_text(value: Any) -> str:
+    """A value as YAML on one line."""
     if isinstance(value, dict):
-        return f"{{{', '.join(f'{_quoted(name)}: {_flow(one)}' for name, one in value.items())}}}"
+        return f"{{{', '.join(f'{_quoted(name)}: {flow_text(one)}' for name, one in value.items())}}}"
     if isinstance(value, list):
-        return f"[{', '.join(map(_flow, value))}]"
+        return f"[{', '.join(map(flow_text, value))}]"
     if value is None or isinstance(value, bool):
         return shown(value)
     return _quoted(value) if isinstance(value, str) and not isinstance(value, DecimalText) else str(value)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import product
 
 from cdobs_cli.errors import UsageError
 from cdobs_cli.exact.numbers import decimal_text
-from cdobs_cli.spec.replaced import Setting
+from cdobs_cli.spec.replaced import Setting, flow_text
 
 MAX_POINTS = 10_000
 _FIELD = re.compile(r"[^\s.\[\]=]+(\.[^\s.\[\]=]+|\[[0-9]{1,4}\])*")
@@ -70,6 +70,14 @@ def axes(texts: Sequence[str]) -> tuple[Axis, ...]:
     if count > MAX_POINTS:
         raise UsageError(f"the grid has {count} points; allowed: at most {MAX_POINTS}")
     return found
+
+
+def axes_of(fields: Mapping[str, Sequence[object] | str]) -> tuple[Axis, ...]:
+    """The same of values, or of `lo:hi:count`, by field. Raises: UsageError, as `axes`."""
+    told = {
+        name: values if isinstance(values, str) else ",".join(map(flow_text, values)) for name, values in fields.items()
+    }
+    return axes([f"{name}={text}" for name, text in told.items()])
 
 
 def points(found: Sequence[Axis]) -> list[tuple[Setting, ...]]:

@@ -20,7 +20,7 @@ from cdobs_cli.sweep.carried import carried_out
 from cdobs_cli.sweep.charts import sweep_charts
 from cdobs_cli.sweep.grid import Axis, Shard, axes, points
 from cdobs_cli.sweep.points import Point, Row, shown_value, sweep_points
-from cdobs_cli.sweep.table import table_csv, times_csv
+from cdobs_cli.sweep.table import table_csv, table_rows, times_csv
 
 FOLDER, TABLE, TIMES = "sweep", "sweep.csv", "sweep_times.csv"
 STAGES = ("synthesize", "check")
@@ -37,12 +37,12 @@ class Sweep:
     folder: Path
 
     @staticmethod
-    def of(spec: Path, sets: Sequence[str], settings: Settings) -> Sweep:
+    def of(spec: Path, found: tuple[Axis, ...], settings: Settings) -> Sweep:
         """Every field and value is tried in the spec first, those that cannot stand there are told at once.
 
-        Raises: SpecError, UsageError.
+        Raises: SpecError.
         """
-        found, folder = axes(sets), settings.out / spec.stem / FOLDER
+        folder = settings.out / spec.stem / FOLDER
         document = with_plant(read(spec), spec)
         document.root.pop("expect", None)  # it holds for the spec's own values alone
         _check(document, found, spec)
@@ -54,6 +54,21 @@ class Sweep:
 
     def name(self, point: Point) -> str:
         return f"{self.spec} ({point.name})"
+
+    def carried_out(
+        self, chosen: Sequence[Point], settings: Settings, console: Console, *, shown: bool = True
+    ) -> tuple[list[Result], bool]:
+        """Some of the points, and whether all of them were carried out. Raises: ToolError."""
+        sweep(self.folder)
+        names = list(map(self.name, chosen))
+        return carried_out(chosen, names, STAGES, replace(settings, out=self.folder), console, shown=shown)
+
+    def whole(self, settings: Settings, console: Console) -> list[dict[str, str]]:
+        """Every point carried out and everything written; returns the rows of the table. Raises: ToolError."""
+        self.carried_out(self.points, settings, console, shown=False)
+        rows = [row for row in self.rows() if row is not None]
+        self.write(rows)
+        return table_rows(self.points, rows)
 
     def write(self, rows: Sequence[Row]) -> list[Path]:
         """Table, times and figures; returns the table and the pictures. Raises: ToolError."""
@@ -86,9 +101,9 @@ def carry_out(
 
     Raises: UsageError, ArtefactError, ToolError.
     """
-    part = Shard() if shard is None else Shard.of(shard)
+    part, found = Shard() if shard is None else Shard.of(shard), axes(sets)
     try:
-        asked = Sweep.of(spec, sets, settings)
+        asked = Sweep.of(spec, found, settings)
     except SpecError as error:
         messages = tuple(Message.from_problem(problem) for problem in error.problems)
         invalid = Result(str(spec), "invalid", messages)
@@ -102,9 +117,7 @@ def carry_out(
         for result in results:
             console.show(result, several=True)
     else:
-        names = [asked.name(point) for point in chosen]
-        sweep(asked.folder)
-        results, is_whole = carried_out(chosen, names, STAGES, replace(settings, out=asked.folder), console)
+        results, is_whole = asked.carried_out(chosen, settings, console)
     code = exit_code(results)
     rows = [row for row in asked.rows() if row is not None]
     if is_whole and part.count == 1 and len(rows) == len(asked.points):

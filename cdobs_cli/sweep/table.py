@@ -26,6 +26,11 @@ def table_csv(points: Sequence[Point], rows: Sequence[Row]) -> bytes:
     return _csv([*_fields(points), *_KNOWN, *ends, "message"], body)
 
 
+def table_rows(points: Sequence[Point], rows: Sequence[Row]) -> list[dict[str, str]]:
+    """The same as mappings."""
+    return list(csv.DictReader(io.StringIO(table_csv(points, rows).decode())))
+
+
 def times_csv(points: Sequence[Point]) -> bytes:
     """CPU seconds of each point."""
     body = [[*map(shown_value, point.settings), f"{seconds:.3f}" if (seconds := point.seconds()) is not None else ""]
