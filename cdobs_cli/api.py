@@ -43,6 +43,7 @@ from cdobs_cli.report.verdict import words
 from cdobs_cli.run import Run
 from cdobs_cli.spec.model import Spec, load, load_document
 from cdobs_cli.spec.reader import read_text
+from cdobs_cli.spec.replaced import Setting, checked, flow_text
 from cdobs_cli.store import Store
 
 if TYPE_CHECKING:
@@ -52,7 +53,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Checked", "Compared", "Designed", "Simulated", "check", "compare", "example", "explain", "export", "load", "parse",
-    "replay", "report", "run", "schema", "simulate", "sweep", "synthesize", "theorems", "validate",
+    "replay", "report", "run", "schema", "simulate", "sweep", "synthesize", "theorems", "validate", "with_gain",
 ]  # fmt: skip
 
 Source = Spec | str | Path
@@ -140,6 +141,27 @@ def parse(text: str, name: str = "spec", folder: Folder = ".") -> Spec:
     """
     path = Path(folder) / f"{name}.yaml"
     return load_document(read_text(text, str(path)), path)
+
+
+def with_gain(spec: Source, **gain: Any) -> Spec:
+    """The spec with a given gain, by its letters: arrays, numbers, or a state space of python-control (for K or L).
+
+    `api.with_gain("motor.yaml", L=design)`; what is kept is exact: every float is the decimal that Python prints.
+
+    Raises:
+        SpecError: the gain is not one of the spec's family.
+        UsageError: an object is no gain of an observer of this plant.
+    """
+    from cdobs_cli.spec.foreign import gain_rows
+
+    known = _spec(spec)
+    settings = []
+    for letter, value in gain.items():
+        try:
+            settings.append(Setting(f"observer.gain.{letter}", flow_text(gain_rows(value, known.plant))))
+        except (ValueError, TypeError) as error:
+            raise UsageError(f"{known.source_path}: {letter}: {error}") from None
+    return load_document(checked(known.document, settings, known.source_path), known.source_path)
 
 
 def validate(spec: Source) -> tuple[Message, ...]:

@@ -13,7 +13,7 @@ from cdobs_cli.baselines.poles import linearised
 from cdobs_cli.errors import SpecError, UsageError
 from cdobs_cli.families import FAMILIES
 from cdobs_cli.spec.auto_block import AutoBlock, Choice
-from cdobs_cli.spec.model import Spec, load_document, with_plant
+from cdobs_cli.spec.model import Spec, load_document, with_files
 from cdobs_cli.spec.reader import Document, read
 from cdobs_cli.spec.replaced import Setting, replaced
 from cdobs_cli.store import digest
@@ -84,7 +84,7 @@ def compared(paths: Sequence[Path], effort: int, top: Path) -> Compared:
 
 
 def _read(path: Path) -> tuple[Document, Spec]:
-    document = with_plant(read(path), path)
+    document = with_files(read(path), path)
     return document, _loaded(document, path)
 
 

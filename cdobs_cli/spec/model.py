@@ -28,6 +28,7 @@ from cdobs_cli.spec.block import Block, Text, is_identifier, placed, read_block,
 from cdobs_cli.spec.boxes import MAX_STATES
 from cdobs_cli.spec.elsewhere import Typed, word_for
 from cdobs_cli.spec.expect import Expectation, ExpectBlock, expect_problems, expectation
+from cdobs_cli.spec.gain_file import gain_of_file, letters_of
 from cdobs_cli.spec.limits import limit_problems
 from cdobs_cli.spec.measurement_block import (
     MeasurementBlock,
@@ -154,11 +155,12 @@ def load_document(document: Document, path: Path) -> Spec:
             raise loader.too_much(error) from None
 
 
-def with_plant(document: Document, path: Path) -> Document:
-    """The document with its plant's file in the place of that file's name. Raises: SpecError."""
+def with_files(document: Document, path: Path) -> Document:
+    """The document with what its files hold, plant and gain, in the place of their names. Raises: SpecError."""
     loader = _Loader(document, path)
     if isinstance(document.root, dict):
         loader.include_plant_file(document.root)
+        loader.include_gain_file(document.root)
     if loader.failed:
         raise loader.fail()
     return document
@@ -209,6 +211,7 @@ class _Loader:
             self.tell((), "a mapping is expected", shown(root), ", ".join(Header.model_fields))
             raise self.fail()
         self.include_plant_file(root)
+        self.include_gain_file(root)
         header, _ = self.block(Header, root, (), {})
         context = self.context(root.get("plant"))
 
@@ -317,6 +320,22 @@ class _Loader:
             raise self.fail()
         self.problems = [placed(problem, self.document) for problem in self.problems]
         self.document.graft(("plant",), included)
+
+    def include_gain_file(self, root: dict[str, Any]) -> None:
+        """`gain: {file: name}`: the matrices of the file stand in the place of its name."""
+        observer = root.get("observer")
+        gain = observer.get("gain") if isinstance(observer, dict) else None
+        letters = letters_of(observer.get("family")) if isinstance(observer, dict) else ()
+        if not isinstance(gain, dict) or "file" not in gain or not letters:
+            return
+        at: FieldPath = ("observer", "gain")
+        try:
+            found = gain_of_file(self.path, gain, letters)
+        except SpecError as error:
+            self.document.problems += [placed(problem, self.document) for problem in error.problems]
+            self.document.refused.add(at)
+            found = None
+        self.document.graft(at, Document(self.document.file, found))
 
     def included_problem(self, problem: Problem, at: FieldPath) -> Problem:
         # What is wrong with the file as a whole is to be looked for where it is named.

@@ -19,7 +19,7 @@ def read_plant_file(spec: Path, name: str) -> Document:
             about the name.
     """
     path = spec.parent / name
-    if (refusal := _refusal(spec, name)) is not None:
+    if (refusal := name_refusal(spec, name, "a plant's file", "a YAML file", SUFFIXES)) is not None:
         raise SpecError((refusal,))
     try:
         document = read(path)
@@ -30,13 +30,14 @@ def read_plant_file(spec: Path, name: str) -> Document:
     return document
 
 
-def _refusal(spec: Path, name: str) -> Problem | None:
-    below = "a plant's file stands below the folder of its spec"
+def name_refusal(spec: Path, name: str, what: str, kind: str, suffixes: tuple[str, ...]) -> Problem | None:
+    """Why a file of that name may not be meant by a spec: it lies outside its folder, or is of another kind."""
+    below = f"{what} stands below the folder of its spec"
     typed = Path(name)
     if typed.is_absolute() or typed.drive or ".." in typed.parts:
         return Problem((), below, shown(name), hint="move it there")
-    if not name.endswith(SUFFIXES):
-        return Problem((), "a plant's file is a YAML file", shown(name), "a name that ends with .yaml or .yml")
+    if not name.endswith(suffixes):
+        return Problem((), f"{what} is {kind}", shown(name), f"a name that ends with {' or '.join(suffixes)}")
     try:
         if not (spec.parent / typed).resolve().is_relative_to(spec.parent.resolve()):
             return Problem((), below, shown(name), hint="the link leads out of it")

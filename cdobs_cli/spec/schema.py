@@ -10,6 +10,7 @@ from pydantic.json_schema import models_json_schema
 from cdobs_cli.families import FAMILIES
 from cdobs_cli.spec.auto_block import AUTO, AutoBlock
 from cdobs_cli.spec.expect import ExpectBlock
+from cdobs_cli.spec.gain_file import letters_of
 from cdobs_cli.spec.measurement_block import MeasurementBlock
 from cdobs_cli.spec.plant_block import PlantBlock
 from cdobs_cli.spec.report_block import ReportBlock
@@ -35,8 +36,19 @@ def json_schema() -> dict[str, Any]:
         "properties": {"file": {"type": "string", "description": "Its name, in the folder of the spec or below."}},
         "description": "The plant in a file of its own, e.g. pendulum.plant.yaml.",
     }  # fmt: skip
+    gain_file = {
+        "type": "object", "required": ["file"], "additionalProperties": False,
+        "properties": {
+            "file": {"type": "string", "description": "A MATLAB file in the folder of the spec or below."},
+            "variables": {"type": "object", "additionalProperties": {"type": "string"},
+                          "description": "What its variables are called, where that is not K or L."},
+        },
+        "description": "The gain from another tool, e.g. {file: design.mat}.",
+    }  # fmt: skip
     for family, block in families.items():
         definition = definitions[refs[block]["$ref"].rsplit("/", 1)[1]]
+        if letters_of(family):
+            definition["properties"]["gain"]["anyOf"].append(gain_file)
         definition["properties"]["family"] = {"const": family, "description": _FAMILY}
         definition["required"] = sorted({*definition.get("required", []), "family"})
     return {

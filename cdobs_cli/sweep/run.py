@@ -12,7 +12,7 @@ from cdobs_cli.errors import ArtefactError, ExitCode, SpecError
 from cdobs_cli.outcome import Message, Result, exit_code
 from cdobs_cli.printable import line
 from cdobs_cli.report.drawings import Drawings
-from cdobs_cli.spec.model import with_plant
+from cdobs_cli.spec.model import with_files
 from cdobs_cli.spec.reader import Document, read
 from cdobs_cli.spec.replaced import checked
 from cdobs_cli.store import Store, sweep
@@ -43,7 +43,7 @@ class Sweep:
         Raises: SpecError.
         """
         folder = settings.out / spec.stem / FOLDER
-        document = with_plant(read(spec), spec)
+        document = with_files(read(spec), spec)
         document.root.pop("expect", None)  # it holds for the spec's own values alone
         _check(document, found, spec)
         return Sweep(spec, found, tuple(sweep_points(document, points(found), settings.effort, folder)), folder)
