@@ -31,7 +31,7 @@ app = typer.Typer(
 
 Format = StrEnum("Format", "text json junit sarif github")
 Plain = StrEnum("Plain", "text json")  # of what is not about specs
-Target = StrEnum("Target", "c99 python mat json control proof")
+Target = StrEnum("Target", "c99 python mat json control fmu proof")
 Precision = StrEnum("Precision", "double float")
 STAGES = ("synthesize", "check", "simulate", "report")
 Stages = tuple[str, ...]
@@ -176,7 +176,7 @@ def export(
         Target,
         typer.Option(
             "--to",
-            help="What is written: C99, one Python file, matrices, data, python-control, a proof with its checker.",
+            help="What is written: C, a Python file, matrices, data, python-control, an FMU, a proof with its checker.",
         ),
     ],
     precision: Annotated[Precision, typer.Option(help="Of the numbers in C.")] = Precision.double,

@@ -13,6 +13,7 @@ from cdobs_cli.export.about import About
 from cdobs_cli.export.c99_test import c99_files
 from cdobs_cli.export.control import control_text
 from cdobs_cli.export.data import json_text, mat_bytes
+from cdobs_cli.export.fmu import fmu_bytes
 from cdobs_cli.export.portable import Portable
 from cdobs_cli.export.proof import proof_files
 from cdobs_cli.export.python import python_text
@@ -20,7 +21,7 @@ from cdobs_cli.export.vectors import Vectors
 from cdobs_cli.families.base import Family
 from cdobs_cli.plant import Plant
 
-Target = Literal["c99", "python", "mat", "json", "control", "proof"]
+Target = Literal["c99", "python", "mat", "json", "control", "fmu", "proof"]
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ def files(target: Target, one: Exported, real: str = DOUBLE) -> dict[str, bytes]
         "mat": lambda: {f"{name}.mat": mat_bytes(portable, one.about, one.plant, one.design)},
         "control": lambda: {f"{name}_control.py": control_text(
             portable, one.about, one.vectors, one.design.sampling)},
+        "fmu": lambda: {f"{name}.fmu": fmu_bytes(portable, one.about, one.vectors, one.design.sampling)},
         "proof": lambda: {**proof_files(one.about, one.card, one.plant, one.design)},
     }  # fmt: skip
     written = writers[target]()

@@ -18,11 +18,11 @@ import numpy as np
 from cdobs_cli.arrays import Array, Integers
 from cdobs_cli.codegen import c_function, number, prelude
 from cdobs_cli.exact.expression import Expression
+from cdobs_cli.library import library
 from cdobs_cli.simulate import dormand_prince as method
 from cdobs_cli.simulate import trigger
 from cdobs_cli.simulate.departure import Limits
 from cdobs_cli.simulate.disturbance import PARTS, ROUNDING, Disturbance
-from cdobs_cli.simulate.library import library
 from cdobs_cli.simulate.loop import ClosedLoop, Routine
 from cdobs_cli.simulate.record import BEFORE, ON_GRID, Log, Samples
 from cdobs_cli.simulate.signals import Draws

@@ -22,12 +22,12 @@ from table import ONE_THREAD, cpu, row
 from test_compiled import triggered
 
 from cdobs_cli.codegen import prelude
+from cdobs_cli.library import library
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate import ensemble as ensembles
 from cdobs_cli.simulate.compiled import _step
 from cdobs_cli.simulate.engine import simulate
 from cdobs_cli.simulate.ensemble import Parts, ensemble
-from cdobs_cli.simulate.library import library
 
 RUNS, HORIZON, T, GAINS = 1000, 40.0, 0.6, np.array([1.0, 1.8361])
 

@@ -11,7 +11,7 @@ import pytest
 from exporting import CASES, NAMES, Ready, ready
 
 from cdobs_cli.export.c99_test import c99_files
-from cdobs_cli.simulate.library import compiler
+from cdobs_cli.library import compiler
 
 CC = compiler()
 STRICT = ["-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror"]

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from loops import box, copy_observer, pendulum, periodic, plan, plant, read
 
+from cdobs_cli import library
 from cdobs_cli.codegen import c_function, prelude
 from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.exact.expression import Expression, Power, Variable, call, power
@@ -20,7 +21,6 @@ from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.plant import Domain, Input, Interval
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.sensors import Sensor
-from cdobs_cli.simulate import library
 from cdobs_cli.simulate.compiled import Compiled
 from cdobs_cli.simulate.engine import simulate_batch
 from cdobs_cli.simulate.loop import ClosedLoop

@@ -33,17 +33,21 @@ def compiler() -> str | None:
 
 def library(source: str) -> tuple[ctypes.CDLL, Path] | None:
     """The library made of a source, and its file; None where there is no compiler, or it does not take the source."""
+    path = compiled(source)
+    try:
+        return None if path is None else (ctypes.CDLL(str(path)), path)
+    except OSError:
+        return None
+
+
+def compiled(source: str) -> Path | None:
+    """The file alone."""
     command, folder = compiler(), _folder()
     if command is None or folder is None:
         return None
     content = "\n".join([command, _version(command), *FLAGS, source])
     path = folder / f"{hashlib.sha256(content.encode()).hexdigest()}.so"
-    if not _is_own(path) and not _compile(command, source, path):
-        return None
-    try:
-        return ctypes.CDLL(str(path)), path
-    except OSError:
-        return None
+    return path if _is_own(path) or _compile(command, source, path) else None
 
 
 @lru_cache(maxsize=4)
