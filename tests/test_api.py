@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 
 import pytest
-from command import PENDULUM, made
+from command import PENDULUM, forked, made
 
 from cdobs_cli import api
 from cdobs_cli.cli import app
@@ -93,6 +93,13 @@ def test_mistakes(spec: Path) -> None:
 def test_a_counterexample_is_run(spec: Path) -> None:
     document = api.replay(api.parse(GIVEN.replace("period: 0.6", "period: 9"), "late"), "convergence", effort=0)
     assert document["claim"] == "convergence"
+
+
+def test_a_counterexample_is_no_run_of_what_is_expected(tmp_path: Path) -> None:
+    expected = GIVEN + "expect:\n  - {quantity: simulation.overall.error_final, at_most: 0.1}\n"
+    (tmp_path / "p.yaml").write_text(expected)
+    done = forked(["simulate", "p.yaml", "--witness", "period_max", "--effort", "0"], tmp_path)
+    assert done.returncode == 0 and "fails expect" not in done.stdout, done.stdout
 
 
 def test_what_is_written_for_use_elsewhere(spec: Path) -> None:
