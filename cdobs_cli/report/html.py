@@ -28,7 +28,6 @@ from cdobs_cli.report.blocks import (
     numbered,
 )
 from cdobs_cli.report.equations import mathml_block
-from cdobs_cli.report.figures import draw
 from cdobs_cli.report.glossary import glossary, linked
 from cdobs_cli.report.model import Report
 from cdobs_cli.report.numbers import NOTHING
@@ -83,6 +82,8 @@ def fragment(report: Report, titles: Sequence[str], *, headed: bool = False) -> 
 
 def pictures_html(charts: Sequence[Chart]) -> str:
     """Figures with their captions, as a part of another page, whatever its colours are."""
+    from cdobs_cli.report.figures import draw
+
     drawn = {chart.name: draw(chart)["svg"] for chart in charts}
     blocks = (_block(Picture(chart, number), drawn) for number, chart in enumerate(charts, start=1))
     return f'<div style="background: white; color: black">{"".join(blocks)}</div>'
