@@ -15,15 +15,15 @@ from cdobs_cli.bounds.definedness import Definedness, defined, defined_claim, is
 from cdobs_cli.bounds.invariance import domain_invariant
 from cdobs_cli.bounds.joint import joint_slopes
 from cdobs_cli.bounds.points import high_points
-from cdobs_cli.bounds.ranges import Point, Range, known_range, value_at
-from cdobs_cli.bounds.region import Region, point_balls, point_witness
+from cdobs_cli.bounds.ranges import Point, known_range, value_at
+from cdobs_cli.bounds.region import Content, Region, point_balls, point_witness
 from cdobs_cli.bounds.supremum import Bounded
 from cdobs_cli.certificate import Claim, Status, Witness
 from cdobs_cli.exact.budget import forgotten
 from cdobs_cli.exact.expression import ONE, ZERO, Expression
 from cdobs_cli.exact.numbers import Exact, fraction_text, lower_text, upper_text
 from cdobs_cli.exact.rational import is_zero, simplify
-from cdobs_cli.plant import Entry, Interval, Plant, Quantity, Slopes
+from cdobs_cli.plant import Entry, Plant, Quantity, Slopes
 
 # How names of bounds of the outputs' slopes begin.
 OUTPUT = "output."
@@ -301,16 +301,13 @@ def _negated(text: str) -> str:
 
 def automatic(slope: Expression, region: Region) -> tuple[str, str] | None:
     """A proved enclosure of the slope over the region, or None where none was found."""
-    return _enclosed(slope, tuple(region.box.items()), tuple(region.ends.items()), region.where, region.relaxed)
+    return _enclosed(slope, region.content)
 
 
 # A design is tried over a few regions, and over each with slopes that move together and by themselves.
 @lru_cache(256)
-def _enclosed(
-    slope: Expression, box: tuple[tuple[str, Range], ...], ends: tuple[tuple[str, Interval], ...],
-    where: tuple[Expression, ...], relaxed: bool,
-) -> tuple[str, str] | None:  # fmt: skip
-    region = Region(dict(box), dict(ends), where, relaxed)
+def _enclosed(slope: Expression, content: Content) -> tuple[str, str] | None:
+    region = Region.of_content(content)
     own = known_range(slope, region.box)
     if own.is_point and isinstance(own.lower, Fraction):
         return (str(Exact(own.lower)),) * 2
