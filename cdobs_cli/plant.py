@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import cached_property
 from itertools import product
 from typing import Any, Literal
 
@@ -152,7 +153,7 @@ class Slopes:
     joint: tuple[Quantity, ...] = ()
     offset: tuple[tuple[Entry, Exact], ...] = ()
 
-    @property
+    @cached_property
     def entries(self) -> tuple[tuple[int, int], ...]:
         """Entries that are not the constant 0, row by row."""
         n, m = self.lower.shape
@@ -160,17 +161,17 @@ class Slopes:
         places = product(range(n), range(m))
         return tuple(at for at in places if at in self.auto or any(end[at].sign() != 0 for end in ends))
 
-    @property
+    @cached_property
     def uncertain(self) -> tuple[tuple[int, int], ...]:
         """Entries whose two ends differ: the corners of the class are over these."""
         return tuple((i, j) for i, j in self.entries if (i, j) in self.auto or self.lower[i, j] != self.upper[i, j])
 
-    @property
+    @cached_property
     def shared(self) -> frozenset[Entry]:
         """Entries that are made of the joint functions."""
         return frozenset((*(entry for entry, _ in self.offset), *(e for rho in self.joint for e, _ in rho.weights)))
 
-    @property
+    @cached_property
     def quantities(self) -> tuple[Quantity, ...]:
         """What varies: the corners of the class are over these. Entries by themselves, row by row, then joint ones."""
         alone = (entry for entry in self.uncertain if entry not in self.shared)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from functools import lru_cache
 from math import ceil, inf, isfinite, log10
 
 from cdobs_cli.bounds.points import high_points, largest_met
 from cdobs_cli.bounds.ranges import known_range, value_at
 from cdobs_cli.bounds.reduction import pieces
-from cdobs_cli.bounds.region import Region
+from cdobs_cli.bounds.region import Content, Region
 from cdobs_cli.bounds.supremum import ROUND, Bounded, supremum
+from cdobs_cli.exact.budget import forgotten
 from cdobs_cli.exact.expression import Call, Expression, Power
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.language import LANGUAGE
@@ -25,6 +27,13 @@ _SHORT = 8
 
 def bounded(function: Expression, region: Region, limit: Exact, work: int) -> Bounded:
     """Decide function <= limit over the region; the pieces share the work."""
+    return _bounded(function, region.content, limit, work)
+
+
+# What is found by one stage is asked again by the next, over the same region.
+@lru_cache(256)
+def _bounded(function: Expression, content: Content, limit: Exact, work: int) -> Bounded:
+    region = Region.of_content(content)
     parts = list(pieces(function, region))
     judged = []
     for piece in parts:
@@ -37,6 +46,9 @@ def bounded(function: Expression, region: Region, limit: Exact, work: int) -> Bo
     box = next((one.box for one in left if one.box), None)
     value = max((one.value for one in judged), default=-inf)
     return Bounded("undecided" if left else "proved", value, None, box)
+
+
+forgotten(_bounded.cache_clear)
 
 
 def _size(expression: Expression) -> int:

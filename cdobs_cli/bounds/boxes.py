@@ -61,21 +61,29 @@ def multiply(a: Ends, b: Ends) -> Ends:
     """a b; 0 times anything is the exact 0."""
     spend(20 + len(a[0]) // 8)
     parts = [x * y for x in a for y in b]
-    for part in parts:
-        part[np.isnan(part)] = 0.0  # 0 times inf
-    low = np.minimum(np.minimum(parts[0], parts[1]), np.minimum(parts[2], parts[3]))
-    high = np.maximum(np.maximum(parts[0], parts[1]), np.maximum(parts[2], parts[3]))
+    low, high = _least(parts), _largest(parts)
+    if np.isnan(low).any():  # 0 times inf
+        parts = [np.where(np.isnan(part), 0.0, part) for part in parts]
+        low, high = _least(parts), _largest(parts)
     lower, upper = _down(low), _up(high)
-    zero = (low == 0) | (high == 0)
-    if zero.any():
-        rows = zero.nonzero()[0]
+    if not (low.all() and high.all()):
+        zero = (low == 0) | (high == 0)
         # A zero stays exact where every zero product has a zero factor, and is not an underflow.
-        exact = np.ones(len(rows), dtype=bool)
+        exact = np.ones(np.count_nonzero(zero), dtype=bool)
         for part, (x, y) in zip(parts, ((x, y) for x in a for y in b), strict=True):
-            exact &= (part[rows] != 0) | (x[rows] == 0) | (y[rows] == 0)
-        lower[rows] = np.where(exact & (low[rows] == 0), 0.0, lower[rows])
-        upper[rows] = np.where(exact & (high[rows] == 0), 0.0, upper[rows])
+            exact &= (part[zero] != 0) | (x[zero] == 0) | (y[zero] == 0)
+        lower[zero] = np.where(exact & (low[zero] == 0), 0.0, lower[zero])
+        upper[zero] = np.where(exact & (high[zero] == 0), 0.0, upper[zero])
     return lower, upper
+
+
+def _least(parts: Sequence[Array]) -> Array:
+    """Of four arrays; not a number where one is not."""
+    return np.minimum(np.minimum(parts[0], parts[1]), np.minimum(parts[2], parts[3]))
+
+
+def _largest(parts: Sequence[Array]) -> Array:
+    return np.maximum(np.maximum(parts[0], parts[1]), np.maximum(parts[2], parts[3]))
 
 
 def inverse(a: Ends) -> Ends:

@@ -15,6 +15,9 @@ from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, fraction_text
 from cdobs_cli.plant import Box, Interval, Plant, TypedDynamics
 
+# All that a region is, to be remembered by: box, ends, limits, whether it is relaxed.
+Content = tuple[tuple[tuple[str, Range], ...], tuple[tuple[str, Interval], ...], tuple[Expression, ...], bool]
+
 
 @dataclass(frozen=True)
 class Region:
@@ -41,6 +44,15 @@ class Region:
     def made(ends: Mapping[str, Interval], names: tuple[str, ...], where: tuple[Expression, ...]) -> Region:
         """A region over `names`, unbounded where no ends are given."""
         return Region({name: _range(ends[name]) if name in ends else LINE for name in names}, dict(ends), where)
+
+    @property
+    def content(self) -> Content:
+        return tuple(self.box.items()), tuple(self.ends.items()), self.where, self.relaxed
+
+    @staticmethod
+    def of_content(content: Content) -> Region:
+        box, ends, where, relaxed = content
+        return Region(dict(box), dict(ends), where, relaxed)
 
     @property
     def names(self) -> tuple[str, ...]:

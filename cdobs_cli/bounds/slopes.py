@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import lru_cache
 from math import isfinite
 
 from flint import arb
@@ -15,9 +16,10 @@ from cdobs_cli.bounds.invariance import domain_invariant
 from cdobs_cli.bounds.joint import joint_slopes
 from cdobs_cli.bounds.points import high_points
 from cdobs_cli.bounds.ranges import Point, known_range, value_at
-from cdobs_cli.bounds.region import Region, point_balls, point_witness
+from cdobs_cli.bounds.region import Content, Region, point_balls, point_witness
 from cdobs_cli.bounds.supremum import Bounded
 from cdobs_cli.certificate import Claim, Status, Witness
+from cdobs_cli.exact.budget import forgotten
 from cdobs_cli.exact.expression import ONE, ZERO, Expression
 from cdobs_cli.exact.numbers import Exact, fraction_text, lower_text, upper_text
 from cdobs_cli.exact.rational import is_zero, simplify
@@ -299,9 +301,19 @@ def _negated(text: str) -> str:
 
 def automatic(slope: Expression, region: Region) -> tuple[str, str] | None:
     """A proved enclosure of the slope over the region, or None where none was found."""
+    return _enclosed(slope, region.content)
+
+
+# A design is tried over a few regions, and over each with slopes that move together and by themselves.
+@lru_cache(256)
+def _enclosed(slope: Expression, content: Content) -> tuple[str, str] | None:
+    region = Region.of_content(content)
     own = known_range(slope, region.box)
     if own.is_point and isinstance(own.lower, Fraction):
         return (str(Exact(own.lower)),) * 2
     high = least_bound(slope, region)
     low = least_bound(-slope, region) if high is not None else None
     return None if high is None or low is None else (_negated(low), high)
+
+
+forgotten(_enclosed.cache_clear)

@@ -81,14 +81,14 @@ class _Search:
             still = step.open
             decided = max(decided, float(np.max(np.where(still, -inf, step.upper), initial=-inf)))
             upper = np.concatenate([step.upper[still], rest[2]])
-            new = _split((X[0][still], X[1][still]), step.smear[still])
+            new, parents = _split_up((X[0][still], X[1][still]), step.smear[still])
             # Only boxes that touch c are left, and exact ends do not decide them: splitting seldom helps.
             patience -= bool(np.max(upper, initial=-inf) <= self.near)
             if new is None or (patience <= 0 and len(upper)):
                 low, high = (np.vstack([X[k][still], rest[k]]) for k in (0, 1))
                 return self.left(low, high, upper, decided)
             low, high = (np.vstack([rest[k], new[k]]) for k in (0, 1))
-            upper = np.concatenate([rest[2], np.tile(step.upper[still], 2)])
+            upper = np.concatenate([rest[2], step.upper[still][parents]])
         return Bounded("proved", min(decided, self.c_high))
 
     def left(self, low: Array, high: Array, upper: Array, decided: float) -> Bounded:
@@ -214,6 +214,21 @@ def _middle(low: Array, high: Array) -> Array:
     both = np.isinf(low) & np.isinf(high)
     middle = np.where(np.isinf(low) & ~both, high, np.where(np.isinf(high) & ~both, low, middle))
     return np.where(both, 0.0, middle)
+
+
+def _split_up(X: Ends, smear: Array) -> tuple[Ends | None, NDArray[np.intp]]:
+    """Two halves of each box, and of these again while they are few; None where a box is as small as floats allow.
+    And the box that each is a part of."""
+    parts, parents = _split(X, smear), np.tile(np.arange(len(smear)), 2)
+    width = X[1] - X[0]
+    while parts is not None and 0 < 2 * len(parents) <= ROUND:
+        with np.errstate(all="ignore"):
+            share = (parts[1] - parts[0]) / width[parents]
+        further = _split(parts, smear[parents] * np.where(np.isnan(share), 1.0, share))
+        if further is None:
+            break
+        parts, parents = further, np.tile(parents, 2)
+    return parts, parents
 
 
 def _split(X: Ends, smear: Array) -> Ends | None:

@@ -14,6 +14,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 from cdobs_cli import progress
+from cdobs_cli.certify import lapack
 from cdobs_cli.design import SolverRecord
 
 if TYPE_CHECKING:
@@ -207,6 +208,7 @@ def ask_with_multipliers(
     import clarabel
     import numpy as np
 
+    lapack.load()
     size = len(cost)
     zero = SparseColumns(np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros(size + 1, dtype=np.int64), (size, size))
     settings = clarabel.DefaultSettings()

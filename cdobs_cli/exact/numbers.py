@@ -80,6 +80,9 @@ class Exact:
 
     def is_at_most(self, other: Exact) -> bool:
         """Whether self <= other for certain."""
+        mine, theirs = self.rational, other.rational
+        if mine is not None and theirs is not None:
+            return mine <= theirs
         return self == other or (other - self).sign() in (0, 1)
 
     def __eq__(self, other: object) -> bool:

@@ -10,7 +10,11 @@ import csv
 import io
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from functools import lru_cache
 from itertools import repeat
 from typing import TYPE_CHECKING, Any
 
@@ -37,7 +41,9 @@ from cdobs_cli.report.prose import mathtext
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
+    from matplotlib.backend_bases import RendererBase
     from matplotlib.figure import Figure
+    from matplotlib.transforms import Bbox
 
 ROLE_COLOURS = {
     "truth": BLACK, "estimate": BLUE, "proved": GREEN, "refuted": VERMILLION, "measured": ORANGE, "arrived": ORANGE,
@@ -54,6 +60,8 @@ WIDTH = 4.8  # inches: of a phone's 358 pixels each point takes one
 HEIGHTS = {1: 2.5, 2: 1.75, 3: 1.5}  # inches of a panel, by their number
 LOW = 1.4
 LETTER = 0.075  # inches of one, roughly
+PAD = 0.042  # inches round all that belongs to axes
+LABEL_GAP = 4.0  # points between the numbers of an axis and its name
 LEGEND_WIDTH = 300  # points
 SHARE = 0.45  # of the width, of the part of an axis that is stretched
 MANY_POINTS = 40  # more are drawn small
@@ -73,13 +81,38 @@ def draw(chart: Chart | Ladder, formats: Sequence[str] = ("svg",)) -> dict[str, 
     """The chart in each of the formats (svg, png, pdf), by format; laid out once."""
     import matplotlib as mpl
 
+    _load()
     with mpl.rc_context(_STYLE):
         figure = _ladder_figure(chart) if isinstance(chart, Ladder) else _chart_figure(chart)
-        pictures = {}
-        for one in formats:
-            pictures[one] = _PRINTED[one](figure)
-            figure.set_layout_engine("none")  # where everything stands is the same in every format
-        return pictures
+        # SVG first: it lays out, and where everything stands is the same in every format.
+        svg = _svg(figure)
+        return {one: svg if one == "svg" else _PRINTED[one](figure) for one in formats}
+
+
+def _load() -> None:
+    """Matplotlib, without the documentation of its artists: writing it takes a third of the time to load."""
+    if "matplotlib.figure" in sys.modules:
+        return
+    with _undocumented() if not hasattr(sys, "ps1") else nullcontext():  # nobody asks for help but in a session
+        import matplotlib.backends.backend_svg
+        import matplotlib.figure  # noqa: F401
+
+
+@contextmanager
+def _undocumented() -> Iterator[None]:
+    from matplotlib import artist
+
+    write, of_class = artist.kwdoc, "_update_set_signature_and_docstring"
+    kept = artist.Artist.__dict__.get(of_class)
+    artist.kwdoc = lambda artist: ""
+    if kept is not None:
+        setattr(artist.Artist, of_class, classmethod(lambda cls: None))
+    try:
+        yield
+    finally:
+        artist.kwdoc = write
+        if kept is not None:
+            setattr(artist.Artist, of_class, kept)
 
 
 def data_csv(chart: Chart | Ladder) -> bytes:
@@ -88,9 +121,19 @@ def data_csv(chart: Chart | Ladder) -> bytes:
 
 
 def _svg(figure: Figure) -> bytes:
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.backends import backend_svg
+    from matplotlib.textpath import text_to_path
 
-    return _printed(FigureCanvasSVG(figure).print_svg, {"Date": None, "Creator": None})
+    figure.set_dpi(72)
+    width, height = 72 * figure.get_size_inches()
+    content = io.StringIO()
+    metadata = {"Date": None, "Creator": None}
+    renderer: Any = backend_svg.RendererSVG(width, height, content, image_dpi=72, metadata=metadata)  # type: ignore[no-untyped-call]
+    renderer._text2path = text_to_path  # that of all figures: what was read of a label is known there
+    _lay_out(figure, renderer)
+    figure.draw(renderer)
+    renderer.finalize()
+    return content.getvalue().encode()
 
 
 def _png(figure: Figure) -> bytes:
@@ -112,7 +155,80 @@ def _printed(print_to: Callable[..., Any], metadata: Mapping[str, None]) -> byte
     return content.getvalue()
 
 
-_PRINTED: Mapping[str, Callable[[Figure], bytes]] = {"svg": _svg, "png": _png, "pdf": _pdf}
+_PRINTED: Mapping[str, Callable[[Figure], bytes]] = {"png": _png, "pdf": _pdf}
+
+
+# ---------------------------------------------------------------- layout
+
+
+def _lay_out(figure: Figure, renderer: RendererBase) -> None:
+    """Axes one above the other, of one height and width, as large as what stands round them leaves room for.
+
+    Each text is measured once: matplotlib's own constrained layout measures all of them six times.
+    """
+    width, height = figure.bbox.size
+    pad, gap = PAD * figure.dpi, LABEL_GAP * figure.dpi / 72
+    sides = [_round(ax, renderer) for ax in figure.axes]
+    labels = [_label_sizes(ax, renderer) for ax in figure.axes]
+    ticks = max(one.left for one in sides)  # the labels of all axes stand in one line
+    left = pad + max(ticks + max(gap + wide if wide else 0.0 for wide, _ in labels), *(one.over for one in sides))
+    right = pad + max(one.right for one in sides)
+    tops = [one.top for one in sides]
+    bottoms = [one.bottom + (gap + high if high else 0.0) for one, (_, high) in zip(sides, labels, strict=True)]
+    inner_width = max(width - left - right, width / 10)
+    inner_height = (height - sum(tops) - sum(bottoms) - 2 * pad * len(sides)) / len(sides)
+    inner_height = max(inner_height, height / (10 * len(sides)))
+    upper = height
+    for ax, side, top, bottom in zip(figure.axes, sides, tops, bottoms, strict=True):
+        lower = upper - pad - top - inner_height
+        ax.set_position((left / width, lower / height, inner_width / width, inner_height / height))
+        ax.yaxis.set_label_coords(-(ticks + gap) / inner_width, 0.5)
+        ax.xaxis.set_label_coords(0.5, -(side.bottom + gap) / inner_height)
+        upper = lower - bottom - pad
+
+
+@dataclass(frozen=True)
+class _Sides:
+    """Pixels by which what belongs to axes stands out, without the names of the quantities; left: ticks with their
+    numbers alone, over: all on that side."""
+
+    left: float
+    over: float
+    right: float
+    top: float
+    bottom: float
+
+
+def _round(ax: Axes, renderer: RendererBase) -> _Sides:
+    inner, boxes = ax.bbox, []
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_label_coords(0.5, 0.5)  # given by us, so that matplotlib looks for no place
+        axis.label.set_visible(False)
+        boxes.append(axis.get_tightbbox(renderer))
+        axis.label.set_visible(True)
+    left = _beyond(inner, boxes[1:])[0]
+    legend = ax.get_legend()
+    boxes += [] if legend is None else [legend.get_window_extent(renderer)]
+    boxes += [text.get_window_extent(renderer) for text in ax.texts]
+    return _Sides(left, *_beyond(inner, boxes))
+
+
+def _beyond(inner: Bbox, boxes: Iterable[Bbox | None]) -> tuple[float, float, float, float]:
+    """How far the furthest of the boxes reaches beyond the inner one: left, right, above, below."""
+    met = [inner, *(box for box in boxes if box is not None)]
+    return (
+        max(inner.x0 - box.x0 for box in met), max(box.x1 - inner.x1 for box in met),
+        max(box.y1 - inner.y1 for box in met), max(inner.y0 - box.y0 for box in met),
+    )  # fmt: skip
+
+
+def _label_sizes(ax: Axes, renderer: RendererBase) -> tuple[float, float]:
+    """Pixels from left to right of the name beside the axes, and from top to bottom of the one below; 0 without."""
+    beside, below = ax.yaxis.label, ax.xaxis.label
+    return (
+        beside.get_window_extent(renderer).width if beside.get_text() else 0.0,
+        below.get_window_extent(renderer).height if below.get_text() else 0.0,
+    )
 
 
 # ---------------------------------------------------------------- data
@@ -163,7 +279,7 @@ def _chart_figure(chart: Chart) -> Figure:
 
     count = max(1, len(chart.panels))
     height = HEIGHTS.get(count, LOW)
-    figure = Figure(figsize=(WIDTH, 0.6 + count * height), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 0.6 + count * height))
     axes = figure.subplots(count, 1, sharex=len({panel.x_scale for panel in chart.panels}) <= 1, squeeze=False)[:, 0]
     known: set[str] = set()
     for index, (ax, panel) in enumerate(zip(axes, chart.panels, strict=False)):
@@ -177,7 +293,6 @@ def _chart_figure(chart: Chart) -> Figure:
         ax.set_ylabel(_wrapped(ax.get_ylabel(), height))
         if chart.stretch is None and ax is axes[-1]:
             _tidy(ax.xaxis, panel.x_label)
-    figure.align_ylabels(list(axes))
     return figure
 
 
@@ -366,16 +481,20 @@ def _drawable(values: Any, *, positive: bool = False) -> Any:
     return np.where(shown, array, np.nan)
 
 
+@lru_cache(256)
 def _mathematics(text: str) -> str:
     """The text with its names set, and its `$..$` where they can be; with plain dollars where not."""
-    from matplotlib.mathtext import MathTextParser
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import text_to_path
 
     told = mathtext(text)
     if "$" not in told:
         return told
     try:
         if told.replace(r"\$", "").count("$") % 2 == 0:
-            MathTextParser("path").parse(told)
+            # As it is drawn, so that it is read once.
+            drawn = FontProperties(size=text_to_path.FONT_SCALE)
+            text_to_path.mathtext_parser.parse(told, text_to_path.DPI, drawn)
             return told
     except ValueError:
         pass
@@ -389,7 +508,7 @@ def _ladder_figure(ladder: Ladder) -> Figure:
     from matplotlib.figure import Figure
 
     count = len(ladder.rungs)
-    figure = Figure(figsize=(WIDTH, 0.95 + 0.5 * count), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 0.95 + 0.5 * count))
     ax = figure.subplots()
     every = [end for rung in ladder.rungs for end in (rung.proved, rung.refuted)]
     ends = [end for end in every if end is not None and math.isfinite(end) and end > 0]

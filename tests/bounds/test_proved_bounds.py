@@ -5,9 +5,12 @@ from fractions import Fraction
 
 import numpy as np
 
+import cdobs_cli.bounds.bounded as bounds
 from cdobs_cli.bounds.bounded import bounded
 from cdobs_cli.bounds.region import Region
 from cdobs_cli.bounds.slopes import automatic
+from cdobs_cli.bounds.supremum import ROUND, _split_up
+from cdobs_cli.exact.budget import READING, budget
 from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.exact.expression import Number, Variable, call, power
 from cdobs_cli.exact.functions import fraction_ball
@@ -94,3 +97,39 @@ def test_a_bound_just_below_a_sampled_value_is_never_proved():
             limit = Exact(str(Fraction(best) - Fraction(1, 10**6)))
             assert bounded(function, region, limit, 200_000).status != "proved"
     assert judged > 15
+
+
+def test_parts_of_a_box_fill_it_and_are_as_many_as_a_round_is_worth():
+    low, high = np.array([[-1.0, 0.0], [2.0, 5.0]]), np.array([[1.0, 3.0], [2.5, 5.5]])
+    parts, parents = _split_up((low, high), np.array([[4.0, 1.0], [0.0, 2.0]]))
+    assert ROUND / 2 < len(parents) <= ROUND
+    for box in range(2):
+        mine = parents == box
+        assert np.all(parts[0][mine] >= low[box]) and np.all(parts[1][mine] <= high[box])
+        areas = np.prod(parts[1][mine] - parts[0][mine], axis=1)
+        assert np.isclose(areas.sum(), np.prod(high[box] - low[box]))
+        # Halves of one box, none of which lies in another.
+        points = np.random.default_rng(1).uniform(low[box], high[box], (200, 2))[:, None]
+        held = np.all((parts[0][mine] <= points) & (points <= parts[1][mine]), axis=2)
+        assert np.all(held.sum(axis=1) == 1)
+    assert np.all(parts[1][parents == 1, 0] - parts[0][parents == 1, 0] == 0.5)  # no slope, no cut
+
+
+def test_a_box_as_small_as_floats_allow_is_not_split():
+    low, high = np.array([[1.0]]), np.array([[np.nextafter(1.0, 2.0)]])
+    assert _split_up((low, high), np.array([[1.0]]))[0] is None
+
+
+def test_what_was_bounded_is_remembered_for_its_region_and_limit_alone_and_forgotten_before_the_next_spec():
+    ends = {"x": Interval(Exact("0"), Exact("1"))}
+    region = Region.made(ends, ("x",), ())
+    wider = Region.made({"x": Interval(Exact("0"), Exact("2"))}, ("x",), ())
+    square = parse("x*x", frozenset(("x",)))
+    assert bounded(square, region, Exact("1.5"), 10**6).status == "proved"
+    before = bounds._bounded.cache_info().hits
+    assert bounded(square, region, Exact("1.5"), 10**6).status == "proved"
+    assert bounds._bounded.cache_info().hits == before + 1
+    assert bounded(square, wider, Exact("1.5"), 10**6).status == "undecided"
+    assert bounded(square, region, Exact("0.5"), 10**6).status == "undecided"
+    with budget(READING):
+        assert bounds._bounded.cache_info().currsize == 0

@@ -14,8 +14,9 @@ from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify.falsify import refute
 from cdobs_cli.certify.floats import exponentials, spectral_radii
 from cdobs_cli.certify.methods.base import Question
-from cdobs_cli.certify.methods.clock.certificate import GAIN_DIGITS, Clock
+from cdobs_cli.certify.methods.clock.certificate import GAIN_DIGITS, Clock, serves, shapes
 from cdobs_cli.certify.methods.clock.design import ImpulsiveGain
+from cdobs_cli.certify.methods.clock.slope import slope
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text
 
 
@@ -186,6 +187,14 @@ def test_period_search_for_a_given_gain():
     assert 1.45 < float(T) < 1.55
     assert proves(boukal(certificate.sampling), certificate)
     assert longest(lambda T: boukal(aperiodic(0, T), (("-1",), ("0",))), "0.5", 1) is None
+
+
+@pytest.mark.parametrize(("T", "expected"), [("0.9", True), ("1.45", True), ("1.7", False), ("3", False)])
+def test_whether_a_shape_serves_is_the_sign_of_its_largest_margin(T, expected):
+    question = Question(boukal(aperiodic(0, T)), effort=1)
+    shape = list(shapes(question))[-1]
+    met = slope(question.afresh(), shape)
+    assert serves(question.afresh(), shape) == expected == (met is not None and met.margin > 0)
 
 
 def test_a_proof_loads_no_solver():

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
+from command import ROOT
 
 from cdobs_cli.certify.lmi import Program, full, symmetric
 from cdobs_cli.exact.matrix import block
@@ -84,3 +88,22 @@ def test_block_serves_every_arithmetic() -> None:
     largest = np.linalg.svd(X)[1][0]
     assert -program.solve().objective == pytest.approx(largest, abs=1e-6)
     assert problem.value == pytest.approx(largest, abs=1e-5)
+
+
+def test_the_solver_needs_no_more_of_scipy_than_its_lapack_and_the_rest_can_be_loaded_after() -> None:
+    told = """
+import sys
+import numpy as np
+from cdobs_cli.certify.lmi import Program, full
+program = Program({"t": full(1, 1)})
+program.require(lambda x: np.diag([2.0, 3.0]) - x["t"] * np.eye(2))
+program.maximise(lambda x: x["t"])
+before = float(program.solve().values["t"][0, 0])
+print("scipy.linalg" in sys.modules, "scipy.linalg.cython_lapack" in sys.modules)
+import scipy.linalg
+import scipy.optimize
+after = float(program.solve().values["t"][0, 0])
+print(before == after, scipy.linalg.solve(np.diag([2.0, 4.0]), np.ones(2)), scipy.optimize.linprog([1], [[-1]], [-1]).x)
+"""
+    done = subprocess.run([sys.executable, "-c", told], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["False True", "True [0.5  0.25] [1.]"]

@@ -9,6 +9,7 @@ import re
 import subprocess
 import sys
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -86,6 +87,46 @@ def test_data_that_an_axis_cannot_show(values: list[float]) -> None:
 @pytest.mark.parametrize("label", ["$", "$a", r"$\frac{$", "a_b", r"$\theta$", "$100 and $200", "<b>&"])
 def test_any_label_can_be_drawn(label: str) -> None:
     assert draw(chart(Series(label, [0.0, 1.0], [0.0, 1.0]), label=label))["svg"]
+
+
+def boxes(content: bytes) -> list[tuple[float, float, float, float]]:
+    """Left, right, top and bottom of the grounds of the axes, in points."""
+    found = re.findall(r'<path d="([^"]*z\s*)" style="fill: #ffffff', content.decode())
+    corners = [[float(one) for one in re.findall(r"-?\d[\d.]*", path)] for path in found]
+    return [(min(one[::2]), max(one[::2]), min(one[1::2]), max(one[1::2])) for one in corners]
+
+
+def test_panels_are_of_one_size_and_leave_room_for_what_stands_round_them() -> None:
+    x = [0.0, 1.0]
+    names = [("y", [0.0, 1.0]), (r"$\\hat x_1$ (m)", [-12_345.0, 2e4]), ("z", [1e-9, 2e-9])]
+    panels = [Panel("time (s)", name, (Series(f"series {name}", x, y),)) for name, y in names]
+    picture = draw(Chart("three", "Three", "", tuple(panels)))["svg"]
+    width, height = (float(one) for one in re.findall(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', picture.decode())[0])
+    _, *axes = boxes(picture)
+    assert len(axes) == 3
+    assert {round(right - left, 3) for left, right, _, _ in axes} == {round(axes[0][1] - axes[0][0], 3)}
+    assert {round(low - top, 2) for _, _, top, low in axes} == {round(axes[0][3] - axes[0][2], 2)}
+    assert 20 < axes[0][0] < width / 3
+    assert 0.9 * width < axes[0][1] < width
+    # A legend, and of the last one the numbers and the name of the axis.
+    assert axes[0][2] > 12
+    assert all(below[2] - above[3] > 12 for above, below in pairwise(axes))
+    assert 25 < height - axes[-1][3] < 50
+
+
+def test_loading_the_drawing_library_leaves_it_as_it_is() -> None:
+    told = """
+from cdobs_cli.chart import Chart, Panel, Series
+from cdobs_cli.report.figures import draw
+draw(Chart("c", "c", "", (Panel("t", "y", (Series("a", [0, 1], [0, 1]),)),)))
+from matplotlib import artist
+class Mark(artist.Artist):
+    def set_size(self, size):
+        \"\"\"Set it.\"\"\"
+print("size" in Mark.set.__doc__, "size" in str(Mark.set.__signature__))
+"""
+    done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True, check=True)
+    assert done.stdout == "True True\n"
 
 
 def test_axis_names() -> None:

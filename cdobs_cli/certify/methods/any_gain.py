@@ -175,6 +175,16 @@ def _characteristic(M: arb_mat) -> list[arb]:
     return [polynomial[k] for k in range(M.nrows(), -1, -1)]
 
 
+def _characteristics(maps: Array) -> Array:
+    """Coefficients of det(z I - M), highest power first, of matrices (.., n, n)."""
+    roots = np.linalg.eigvals(maps)
+    made = np.zeros((*roots.shape[:-1], roots.shape[-1] + 1), dtype=complex)
+    made[..., 0] = 1.0
+    for k in range(roots.shape[-1]):
+        made[..., 1:] = made[..., 1:] - roots[..., [k]] * made[..., :-1]
+    return np.real(made)
+
+
 def _guessed_faces(question: Question) -> tuple[list[Face], Array, Array]:
     """The conditions tried, each b + a L > 0 with b (k,) and a (k, n) in floats."""
     plant, view, n = question.plant, question.inclusion.view_floats, question.plant.n
@@ -185,9 +195,9 @@ def _guessed_faces(question: Question) -> tuple[list[Face], Array, Array]:
         flow[k, :n, n:] = np.eye(n) * float(T)
     sampled = exponentials(flow)
     Phi, Gamma = sampled[:, :n, :n], sampled[:, :n, n:]
-    maps = [Phi, *(Phi - Gamma[:, :, [k]] @ view.C for k in range(n))]
+    maps = np.array([Phi, *(Phi - Gamma[:, :, [k]] @ view.C for k in range(n))])
     # (n + 1, places, n + 1): coefficients first, then places, then L = 0 and the unit gains.
-    polynomials = np.array([[np.real(np.poly(M)) for M in each] for each in maps]).transpose(2, 1, 0)
+    polynomials = _characteristics(maps).transpose(2, 1, 0)
     faces, offsets, rows = [], [], []
     for kind, order in kinds(n):
         values = condition(list(polynomials), kind, order)

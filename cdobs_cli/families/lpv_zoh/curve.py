@@ -13,6 +13,7 @@ from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify import search
 from cdobs_cli.certify.climb import GAIN_DIGITS
 from cdobs_cli.certify.methods.base import Method, Question
+from cdobs_cli.certify.methods.clock.certificate import Clock
 from cdobs_cli.certify.methods.rung import GENERAL, One, fastest
 from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger
 from cdobs_cli.certify.methods.wirtinger.design import HeldSynthesis, size
@@ -67,19 +68,20 @@ class Curve:
         return (last.method.certificate(None if last.gain is None else {"L": last.gain}),)
 
 
-def gain_curve(question: Question) -> Curve:
-    """Points (period, rate) up to the question's period, each proved when it was found; empty for large plants."""
+def gain_curve(question: Question, own: Sequence[Method] = ()) -> Curve:
+    """Points (period, rate) up to the question's period, each proved when it was found; empty for large plants. own:
+    what is proved of the question's gain already."""
     plant, T, law = question.plant, float(question.law.T_max), question.law
     if size(plant) > _LARGEST:
         return Curve()
     shares = np.geomspace(0.15, 1.0, _POINTS)
     periods = [search.short(share * T, 6) for share in shares]
-    own = [_rate_of_gain(question.at(period)) for period in periods]
+    this = [_rate_of_gain(question.at(period), own if period == periods[-1] else ()) for period in periods]
     synthesis = HeldSynthesis(plant)
     end, last = synthesis.longest(T, lambda T: 0.0)
     ends = [search.short(share * 0.999 * end, 6) for share in shares] if last.margin > 0 else []
     best = [_rate_of_synthesis(question.at(period), synthesis) for period in reversed(ends)]
-    return Curve(running_maxima(ends, best[::-1], law), running_maxima(periods, own, law))
+    return Curve(running_maxima(ends, best[::-1], law), running_maxima(periods, this, law))
 
 
 def running_maxima(periods: Sequence[Exact], points: Sequence[Point | None], law: SamplingLaw) -> tuple[Point, ...]:
@@ -99,12 +101,16 @@ def running_maxima(periods: Sequence[Exact], points: Sequence[Point | None], law
     return tuple(reversed(kept))
 
 
-def _rate_of_gain(question: Question) -> Point | None:
-    """The largest rate proved for this gain under the question's law."""
+def _rate_of_gain(question: Question, known: Sequence[Method]) -> Point | None:
+    """The largest rate proved for this gain under the question's law; by the clock certificate the one that is known,
+    where there is one."""
+    law = question.law
+    clocks = [one for one in known if isinstance(one, Clock) and float(one.sigma) and one.covers.contains(law)]
     for rung in (One(Wirtinger), GENERAL):
-        method = fastest(rung, question.afresh(), _RATE_WIDTH)
+        method: Method | None = max(clocks, key=lambda one: float(one.sigma), default=None) if rung is GENERAL else None
+        method = method or fastest(rung, question.afresh(), _RATE_WIDTH)
         if method is not None:
-            return Point(question.law.T_max, Exact(method.sigma), method, None)  # type: ignore[attr-defined]
+            return Point(law.T_max, Exact(method.sigma), method, None)  # type: ignore[attr-defined]
     return None
 
 

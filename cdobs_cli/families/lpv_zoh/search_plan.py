@@ -147,7 +147,7 @@ def beyond(family: LpvZeroOrderHold, question: Question, own: Sequence[Method]) 
     # The curve of period against rate belongs to a search; effort 0 is for a quick answer, and under noise the front is
     # one of errors.
     if own and family.gain is None and question.effort > 0 and not question.plant.is_perturbed:
-        curve = gain_curve(headline(question))
+        curve = gain_curve(headline(question), own)
         certificates += [c for c in curve.longest if proved is None or float(c.sampling.T_max) > proved]
     certificates += [method.certificate() for method in _hopeless(question, proved)]
     return Beyond(certificates, curve.document(), curve.front)

@@ -431,6 +431,11 @@ def _solve(question: Question, shape: Shape, C: list[Array] | None) -> tuple[Sol
     return None if solution is None or not solution.margin > 0 else (solution, posed.S)
 
 
+def serves(question: Question, shape: Shape) -> bool:
+    """Whether a certificate of this shape is met for the question's gain: sooner told than how large its margin is."""
+    return _solve(question, shape, None) is not None
+
+
 class Posed(NamedTuple):
     """A clock problem as the search takes it: in the coordinates z, e = S z, and unit time."""
 

@@ -10,7 +10,7 @@ from fractions import Fraction
 from cdobs_cli.certify import search
 from cdobs_cli.certify.ascent import Height, end
 from cdobs_cli.certify.methods.base import Question
-from cdobs_cli.certify.methods.clock.certificate import Clock, shapes
+from cdobs_cli.certify.methods.clock.certificate import Clock, serves, shapes
 from cdobs_cli.certify.methods.clock.form import Shape
 from cdobs_cli.certify.methods.clock.slope import slope
 
@@ -34,7 +34,7 @@ def longest(question: Question, share: float = 0.0) -> Clock | None:
     def of(shape: Shape) -> Callable[[float], Height | None]:
         return lambda T: height_in_period(about(T), shape, share)
 
-    return _reached(question, about, of, start, max(start / _SPAN, shortest), _WIDTHS[question.level])
+    return _reached(about, of, start, max(start / _SPAN, shortest), _WIDTHS[question.level])
 
 
 def fastest(question: Question, width: Fraction) -> Clock | None:
@@ -44,11 +44,10 @@ def fastest(question: Question, width: Fraction) -> Clock | None:
     def of(shape: Shape) -> Callable[[float], Height | None]:
         return lambda sigma: height_in_rate(at_rate(question, sigma), shape)
 
-    return _reached(question, lambda sigma: at_rate(question, sigma), of, 0.0, 0.0, float(width))
+    return _reached(lambda sigma: at_rate(question, sigma), of, 0.0, 0.0, float(width))
 
 
 def _reached(
-    question: Question,
     about: Callable[[float], Question],
     of: Callable[[Shape], Callable[[float], Height | None]],
     start: float,
@@ -59,7 +58,7 @@ def _reached(
     of the last, and its proof."""
     best: tuple[float, Shape] | None = None
     step, coarse = _STEP, max(_COARSE, width)
-    for shape in _serving(question, of, start):
+    for shape in _serving(about(start)):
         value = end(of(shape), start, coarse, step, least)
         if value is None:
             continue
@@ -81,14 +80,11 @@ def _reached(
     return None
 
 
-def _serving(question: Question, of: Callable[[Shape], Callable[[float], Height | None]], start: float) -> list[Shape]:
-    """The schedule from the first shape on that serves the start: those before end earlier; all where none does."""
+def _serving(question: Question) -> list[Shape]:
+    """The schedule from the first shape on that serves the question: those before end earlier; all where none does."""
     schedule = list(shapes(question))
-    for k, shape in enumerate(schedule):
-        here = of(shape)(start)
-        if here is not None and here.margin > 0:
-            return schedule[k:]
-    return schedule
+    serving = (k for k, shape in enumerate(schedule) if serves(question, shape))
+    return schedule[next(serving, 0) :]
 
 
 def at_period(question: Question, T: float, share: float) -> Question:
