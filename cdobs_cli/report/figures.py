@@ -64,6 +64,7 @@ PAD = 0.042  # inches round all that belongs to axes
 LABEL_GAP = 4.0  # points between the numbers of an axis and its name
 LEGEND_WIDTH = 300  # points
 SHARE = 0.45  # of the width, of the part of an axis that is stretched
+WIDE = 10.0  # ratio of the values of a map from which on their colours are logarithmic
 MANY_POINTS = 40  # more are drawn small
 LARGEST = 1e150  # values beyond are not drawn: axes overflow
 _STYLE: Any = {
@@ -130,8 +131,10 @@ def _svg(figure: Figure) -> bytes:
     metadata = {"Date": None, "Creator": None}
     renderer: Any = backend_svg.RendererSVG(width, height, content, image_dpi=72, metadata=metadata)  # type: ignore[no-untyped-call]
     renderer._text2path = text_to_path  # that of all figures: what was read of a label is known there
-    _lay_out(figure, renderer)
+    if figure.get_layout_engine() is None:
+        _lay_out(figure, renderer)
     figure.draw(renderer)
+    figure.set_layout_engine("none")
     renderer.finalize()
     return content.getvalue().encode()
 
@@ -278,8 +281,10 @@ def _chart_figure(chart: Chart) -> Figure:
     from matplotlib.figure import Figure
 
     count = max(1, len(chart.panels))
-    height = HEIGHTS.get(count, LOW)
-    figure = Figure(figsize=(WIDTH, 0.6 + count * height))
+    is_map = any(series.kind == "cells" for panel in chart.panels for series in panel.series)
+    height = HEIGHTS[1] if is_map else HEIGHTS.get(count, LOW)
+    # A map has a scale of colours beside each panel, for which matplotlib's own layout finds the place.
+    figure = Figure(figsize=(WIDTH, 0.6 + count * height), layout="constrained" if is_map else None)
     axes = figure.subplots(count, 1, sharex=len({panel.x_scale for panel in chart.panels}) <= 1, squeeze=False)[:, 0]
     known: set[str] = set()
     for index, (ax, panel) in enumerate(zip(axes, chart.panels, strict=False)):
@@ -293,6 +298,8 @@ def _chart_figure(chart: Chart) -> Figure:
         ax.set_ylabel(_wrapped(ax.get_ylabel(), height))
         if chart.stretch is None and ax is axes[-1]:
             _tidy(ax.xaxis, panel.x_label)
+    if is_map:
+        figure.align_ylabels(list(axes))
     return figure
 
 
@@ -459,8 +466,13 @@ def _draw_cells(ax: Axes, x: Any, y: Any, values: Any, label: str) -> None:
             shades[np.searchsorted(rows, row), np.searchsorted(columns, place)] = value
     ax.grid(visible=False)
     if np.isfinite(shades).any():
-        mesh = ax.pcolormesh(_edges(columns), _edges(rows), np.ma.masked_invalid(shades), cmap="cividis", alpha=0.85)
-        ax.figure.colorbar(mesh, ax=ax, label=label)
+        low, high = np.nanmin(shades), np.nanmax(shades)
+        norm = "log" if low > 0 and high > WIDE * low else "linear"
+        cells = np.ma.masked_invalid(shades)
+        mesh = ax.pcolormesh(_edges(columns), _edges(rows), cells, cmap="cividis", norm=norm)
+        solids = ax.figure.colorbar(mesh, ax=ax, label=label).solids
+        if solids is not None:
+            solids.set_edgecolor("face")  # no seams
 
 
 def _edges(centres: Any) -> Any:

@@ -18,7 +18,7 @@ from report_pendulum import make_check, make_plant, make_report, make_run
 from cdobs_cli.certificate import Bound
 from cdobs_cli.chart import Chart, Panel, Series
 from cdobs_cli.report.drawings import RECORD, Drawings
-from cdobs_cli.report.figures import chart_csv, draw, ladder_csv
+from cdobs_cli.report.figures import _chart_figure, _svg, chart_csv, draw, ladder_csv
 from cdobs_cli.report.ladder import period_ladder
 from cdobs_cli.report.palette import BLUE, adaptable
 from cdobs_cli.report.thumbnail import thumbnail
@@ -112,6 +112,19 @@ def test_panels_are_of_one_size_and_leave_room_for_what_stands_round_them() -> N
     assert axes[0][2] > 12
     assert all(below[2] - above[3] > 12 for above, below in pairwise(axes))
     assert 25 < height - axes[-1][3] < 50
+
+
+@pytest.mark.parametrize("wide", [True, False])
+def test_a_map_has_its_scale_of_colours_beside_it(wide: bool) -> None:
+    x, y = [1.0, 1.0, 2.0, 2.0], [1.0, 2.0, 1.0, 2.0]
+    cells = Series("error (m)", x, y, "cells", "proved", y2=[0.01, 0.02, 0.03, 5.0 if wide else 0.04])
+    figure = _chart_figure(Chart("m", "M", "c", (Panel("a.long.path", "another.long.path", (cells,)),) * 2))
+    _svg(figure)
+    boxes = [ax.get_position() for ax in figure.axes]
+    assert len(boxes) == 4
+    assert all(not one.overlaps(other) for k, one in enumerate(boxes) for other in boxes[:k])
+    assert min(box.height for box in boxes) > 0.3 and min(box.width for box in boxes[:2]) > 0.5
+    assert figure.axes[2].get_yscale() == ("log" if wide else "linear")
 
 
 def test_loading_the_drawing_library_leaves_it_as_it_is() -> None:
