@@ -95,10 +95,9 @@ def _convergence(became: Status, statement: str, **more: Any) -> Claim:
     return Claim(CONVERGENCE, "consequence", became, f"{statement}.", SOURCE, required=True, **more)
 
 
-def bounded_claim(rate: Rate, bounded: bool) -> Claim:
+def bounded_claim(rate: Rate, bounded: bool, so: str = "L stays bounded and the periods above 0") -> Claim:
     limit = "some bound" if rate.largest is None else str(rate.largest)
-    over = "over the domain and the input ranges, so L stays bounded and the periods above 0"
-    statement = f"c(x_hat, u) <= {limit} {over}."
+    statement = f"c(x_hat, u) <= {limit} over the domain and the input ranges, so {so}."
     return Claim("c_bounded", "premise", status_of(bounded), statement, "Andrieu2014, (4), Lemma 1")
 
 

@@ -235,7 +235,7 @@ def test_the_simulated_pi_is_that_of_the_note(reset: bool) -> None:
     for k, (t, before) in enumerate(sampled):
         assert first.t_k[k + 1] == pytest.approx(t, abs=1e-6)
         at = int(np.searchsorted(first.t, first.t_k[k + 1]))
-        own = [first.internals[name][at] for name in ("Pi.1.1", "Pi.1.2", "Pi.2.2")]
+        own = [first.internals[name][at] for name in ("Pi_11", "Pi_12", "Pi_22")]
         np.testing.assert_allclose(own, [before[0, 0], before[0, 1], before[1, 1]], rtol=1e-5)
 
 
@@ -288,6 +288,20 @@ def test_errors_stay_within_what_is_proved(budgeted: tuple[Design, Check, Law]) 
                 else:
                     assert np.linalg.norm(e) <= factor * e_0 * np.exp(-rate * t) + 1e-12
     assert np.all(worst > 0.2 * np.array(bounds))
+
+
+@pytest.mark.parametrize(("c", "most"), [("1.2*u", "12"), ("u", "10")])
+def test_a_typed_c_beyond_the_slopes_is_cut_to_them(c: str, most: str) -> None:
+    """q stays at most 1, and Pi falls no faster than at the declared slopes."""
+    from cdobs_cli.exact.parser import parse
+
+    options = {**BUDGETED, "c": parse(c, frozenset({"u"}))}
+    design, check, law = designed(options)
+    assert design.details["rate"]["largest"] == most and check.verdict == "proved"
+    run = simulate(HybridSystem(PLANT, card(**options).observer(PLANT, design)), _plan("10", 1, "2"), PLANT.sampling)
+    rule = Rule(PLANT, law, LARGEST)
+    sampled = [t for t, before, after in rule.run(lambda t: 10.0, [], 1.5) if after is not before]
+    np.testing.assert_allclose(run.trajectories[0].t_k[1 : len(sampled) + 1], sampled, atol=1e-6)
 
 
 # ---------------------------------------------------------------- what is proved, and its twin that must not be

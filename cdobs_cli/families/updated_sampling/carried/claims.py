@@ -56,7 +56,11 @@ def certify(family: UpdatedSampling, plant: Plant, design: Design) -> Check:
     largest = largest_slopes(plant, rate)
     found = Floor(False) if largest is None else floor(plant, law, largest)
     stands = bounded and premise.status == "proved" and found.holds
-    claims = (premise, bounded_claim(rate, bounded), _floor_claim(rate, law, found))
+    claims = (
+        premise,
+        bounded_claim(rate, bounded, "Pi falls no faster than at that c"),
+        _floor_claim(rate, law, found),
+    )
     if not stands or found.share is None:
         return Check((*_consequences(plant, None), *claims))
     bounds = {

@@ -72,12 +72,12 @@ def _pi(plant: Plant, law: Law, run: Trajectory) -> Chart:
     Pi = np.empty((len(run.t), n, n), dtype=np.float64)
     for i in range(n):
         for j in range(i, n):
-            Pi[:, i, j] = Pi[:, j, i] = run.internals[f"Pi.{i + 1}.{j + 1}"]
+            Pi[:, i, j] = Pi[:, j, i] = run.internals[f"Pi_{i + 1}{j + 1}"]
     least = Series("least eigenvalue of Pi over F", run.t, _over(Pi, law.F.floats), "line", "estimate")
     line = Series("floor at samples", [float(run.t[0])], [1.0], "limit", "proved")
     caption = "How far Pi is above F: below T_min it may dip under it, by what is proved; at a sample it never is."
     return Chart(
-        "carried", "Carried certificate", caption, (Panel(_TIME, "Pi over F", (least, line), "linear", "log"),)
+        "carried", "Carried certificate", caption, (Panel(_TIME, "Pi over F", (least, line)),)
     )
 
 

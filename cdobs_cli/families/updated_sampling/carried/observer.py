@@ -23,7 +23,7 @@ from cdobs_cli.families.updated_sampling.lipschitz import HAT, Rate
 from cdobs_cli.hybrid import Observer
 from cdobs_cli.plant import Entry, Plant
 
-CLOCK = "clock.r"
+CLOCK = "gain.r"
 _HALF = Fraction(1, 2)
 
 
@@ -38,8 +38,9 @@ def observer(plant: Plant, law: Law, rate: Rate, largest: Mapping[Entry, Fractio
     n, hat = plant.n, tuple(HAT + name for name in plant.states)
     inside = plant.clipped(HAT)
     cut = replace(plant, phi=tuple(one.substitute(inside) for one in plant.phi))
-    q = shares(largest, rate.c.substitute(inside))
-    names = [[f"Pi.{min(i, j) + 1}.{max(i, j) + 1}" for j in range(n)] for i in range(n)]
+    c = rate.c.substitute(inside)
+    q = shares(largest, rate, c)
+    names = [[entry_name(i, j) for j in range(n)] for i in range(n)]
     upper = [(i, j) for i in range(n) for j in range(i, n)]
     Pi: Table = [[Variable(name) for name in row] for row in names]
     F, C = _table(law.F), _table(plant.C)
@@ -53,7 +54,7 @@ def observer(plant: Plant, law: Law, rate: Rate, largest: Mapping[Entry, Fractio
         sum((K[i][k] * innovation[k] for k in range(plant.p)), Variable(hat[i])) for i in range(n)
     ]  # fmt: skip
     flow = riccati(Pi, _table(plant.A), *_strengths(plant, law, largest, q), Number(2) * law.sigma.expression * r)
-    margin = _margin(Pi, law)
+    margin, seen = _margin(Pi, law), {names[i][j].removeprefix("gain."): Pi[i][j] for i, j in upper}
     return Observer(
         states=(*hat, *(names[i][j] for i, j in upper), CLOCK),
         start=(*(Variable(f"initial.{name}") for name in plant.states), *(F[i][j] for i, j in upper), ZERO),
@@ -61,8 +62,13 @@ def observer(plant: Plant, law: Law, rate: Rate, largest: Mapping[Entry, Fractio
         jump=(*corrected, *(kept[i][j] for i, j in upper), ZERO),
         estimates={"x_hat": tuple(Variable(name) for name in hat)},
         trigger=_trigger(law, margin),
-        internals={**{names[i][j]: Pi[i][j] for i, j in upper}, "c": rate.c.substitute(inside), "margin": margin},
+        internals={**seen, "c": c, "margin": margin},
     )  # fmt: skip
+
+
+def entry_name(i: int, j: int) -> str:
+    """Of Pi_ij, counted from 0: `gain.Pi_12`."""
+    return f"gain.Pi_{min(i, j) + 1}{max(i, j) + 1}"
 
 
 def _table(matrix: ExactMatrix) -> Table:

@@ -20,6 +20,10 @@ def largest_slopes(plant: Plant, rate: Rate) -> dict[Entry, Fraction] | None:
     return {entry: min(bound, largest) for entry, bound in bounds.items() if min(bound, largest) > 0}
 
 
-def shares(largest: Mapping[Entry, Fraction], c: Expression) -> dict[Entry, Expression]:
-    """q_ij = min(c, cbar_ij) / cbar_ij, in [0, 1] where c is as `rate` says."""
-    return {entry: call("min", Number(1), c / Number(bound)) for entry, bound in largest.items()}
+def shares(largest: Mapping[Entry, Fraction], rate: Rate, c: Expression) -> dict[Entry, Expression]:
+    """q_ij = min(c, cbar_ij) / cbar_ij, in [0, 1]: c, which is that of the rate, is at most its largest."""
+    most = None if rate.largest is None else rate.largest.rational
+    return {
+        entry: c / Number(bound) if most == bound else call("min", Number(1), c / Number(bound))
+        for entry, bound in largest.items()
+    }
