@@ -76,9 +76,7 @@ def _pi(plant: Plant, law: Law, run: Trajectory) -> Chart:
     least = Series("least eigenvalue of Pi over F", run.t, _over(Pi, law.F.floats), "line", "estimate")
     line = Series("floor at samples", [float(run.t[0])], [1.0], "limit", "proved")
     caption = "How far Pi is above F: below T_min it may dip under it, by what is proved; at a sample it never is."
-    return Chart(
-        "carried", "Carried certificate", caption, (Panel(_TIME, "Pi over F", (least, line)),)
-    )
+    return Chart("carried", "Carried certificate", caption, (Panel(_TIME, "Pi over F", (least, line)),))
 
 
 def _over(Pi: Array, F: Array) -> Array:
