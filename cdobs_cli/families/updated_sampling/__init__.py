@@ -88,7 +88,8 @@ class CarriedLaw(BaseModel):
     )
     T_min: PositiveNumber | None = Field(default=None, description="No sample comes sooner after the last one.")
     epsilon: PositiveNumber | None = Field(
-        default=None, description="A sample is due when det(Pi - F) is this share of det F; 1e-9 where left out."
+        default=None,
+        description="A sample is due when det(Pi - F) is this share of det F; 10^-(3 + 3 n) where left out.",
     )
 
 

@@ -61,12 +61,12 @@ def certify(family: UpdatedSampling, plant: Plant, design: Design) -> Check:
         bounded_claim(rate, bounded, "Pi falls no faster than at that c"),
         _floor_claim(rate, law, found),
     )
-    if not stands or found.share is None:
+    if not stands or found.share is None or largest is None:
         return Check((*_consequences(plant, None), *claims))
     bounds = {
         "guaranteed_period": Bound(text_below(law.T_min), None, "s", "carried", _period_text(rate)),
         "decay_rate": Bound(lower_text(_rate(law), 9), None, "1/s", "carried", "every c(t) within its bound"),
-        **errors.bounds(plant, law, found.share),
+        **errors.bounds(plant, law, largest, found.share),
     }
     conclusion = Claim(
         CONVERGENCE, "consequence", "proved", _CONVERGES.format(lower_text(_rate(law), 6)), SOURCE, required=True,

@@ -24,6 +24,8 @@ EVALUATIONS = (60, 150, 300, 600)  # of one search, by effort
 SLACK = 1.02  # by which sigma is larger, and Lambda smaller, where F is found: what is given away
 _STEPS = 16  # of [0, T_min] at which Pi is looked at
 _DIGITS = 10
+_ROOM = 100.0  # times epsilon
+_LOWEST = 0.05  # of F, down to which Pi may dip on the way to T_min
 _STEP = 0.4  # of the first simplex, in logarithms
 SHARES = (0.999, 0.99, 0.97, 0.93, 0.85, 0.7)
 
@@ -43,23 +45,26 @@ class Target:
     weights: Array
     split: Mapping[Entry, float]
     sigma: float | None
+    epsilon: float
 
     @staticmethod
     def of(
         plant: Plant,
         largest: Mapping[Entry, Fraction],
-        idle: float,
-        weights: ExactMatrix | None,
-        split: ExactMatrix | None,
-        sigma: Exact | None,
+        idle: Exact,
+        epsilon: Exact,
+        Lambda: ExactMatrix | None = None,
+        split: ExactMatrix | None = None,
+        sigma: Exact | None = None,
     ) -> Target:
         d = np.array([0.0] * plant.n if plant.disturbance is None else plant.disturbance.float_sizes)
         v = _noise(plant)
         typed = {} if split is None else {entry: float(split[entry]) for entry in largest}
         floats = {entry: float(bound) for entry, bound in largest.items()}
-        own = 1 / v**2 if weights is None else weights.floats[0]
+        own = 1 / v**2 if Lambda is None else Lambda.floats[0]
         return Target(
-            plant.A.floats, plant.C.floats, floats, v, d, idle, own, typed, None if sigma is None else float(sigma)
+            plant.A.floats, plant.C.floats, floats, v, d, float(idle), own, typed,
+            None if sigma is None else float(sigma), float(epsilon),
         )  # fmt: skip
 
     @property
@@ -172,18 +177,23 @@ def candidate(target: Target, T: float, logs: Array) -> Candidate | None:
             continue
         root = np.linalg.inv(np.linalg.cholesky(F))
         levels = [float(np.linalg.eigvalsh(root @ Pi @ root.T)[0]) for Pi in path]
-        if levels[-1] > 1 + 0.1 * (1 - share) and min(levels) > 0.05:
-            return Candidate(F, split, gamma, sigma, T, _errors(target, F * min(1.0, *levels), sigma, T, gamma))
+        # det(Pi - F) / det F at T_min is well above where a sample is due.
+        above = np.linalg.eigvalsh(root @ path[-1] @ root.T) - 1
+        if above[0] > 0 and np.prod(above) > _ROOM * target.epsilon and min(levels) > _LOWEST:
+            return Candidate(F, split, gamma, sigma, T, _errors(target, [*path, F], sigma, T, gamma))
     return None
 
 
-def _errors(target: Target, floor: Array, sigma: float, T: float, gamma: Array) -> Array:
-    """sqrt(W (F^-1)_ii), W the largest V that noise and disturbance leave: see `errors`."""
+def _errors(target: Target, path: list[Array], sigma: float, T: float, gamma: Array) -> Array:
+    """What is left of each state's error: `errors` in floats, at the times of the path and at T with F, its last."""
     slowest = 2 * sigma * target.idle
-    noise = float((target.weights * target.v**2).sum())
-    steady = sum((d**2 / g for d, g in zip(target.d, gamma, strict=True) if d > 0), 0.0)
-    W = noise / -np.expm1(-slowest * T) + steady / slowest
-    errors: Array = np.sqrt(W * np.diag(np.linalg.inv(floor)))
+    noise = float((target.weights * target.v**2).sum()) / -np.expm1(-slowest * T)
+    steady = sum((d**2 / g for d, g in zip(target.d, gamma, strict=True) if d > 0), 0.0) / slowest
+    times = [*np.linspace(0, T, len(path) - 1), T]
+    squares = [
+        (noise * np.exp(-slowest * t) + steady) * np.diag(np.linalg.inv(Pi)) for t, Pi in zip(times, path, strict=True)
+    ]
+    errors: Array = np.sqrt(np.max(squares, axis=0))
     return errors
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.numbers import ExactMatrix
-from cdobs_cli.families.updated_sampling.carried.law import MATRICES
+from cdobs_cli.families.updated_sampling.carried.law import MATRICES, NUMBERS
 from cdobs_cli.families.updated_sampling.carried.synthesis import is_whole
 from cdobs_cli.plant import Plant
 
@@ -104,6 +104,20 @@ def _of_law(family: UpdatedSampling, plant: Plant) -> Iterator[Problem]:
         value = getattr(law, name)
         if value is not None and (float(value) > 1 or (name == "theta" and float(value) == 1)):
             yield Problem((*at, name), f"is {most}", got=str(value))
+    for name in shapes:
+        typed = getattr(law, name)
+        if typed is not None and any(one.rational is None for row in typed.rows for one in row):
+            yield Problem((*at, name), "decimals and fractions are expected", got=str(typed.texts()))
+    for name in NUMBERS:
+        number = getattr(law, name)
+        if number is not None and number.rational is None:
+            yield Problem((*at, name), "a decimal or a fraction is expected", got=str(number))
+    if (
+        law.F is not None
+        and law.F.shape == (n, n)
+        and any(law.F[i, j] != law.F[j, i] for i in range(n) for j in range(i))
+    ):
+        yield Problem((*at, "F"), "is symmetric", got=str(law.F.texts()))
     if law.F is not None and not is_whole(family):
         hint = "type split, sigma and T_min (or budget) as well, or leave F out to have it found"
         yield Problem((*at, "F"), "a floor belongs to a whole law", hint=hint)

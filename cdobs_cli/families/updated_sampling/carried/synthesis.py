@@ -8,7 +8,7 @@ from fractions import Fraction
 from math import inf
 from typing import TYPE_CHECKING, Any
 
-from cdobs_cli.design import Design
+from cdobs_cli.design import Design, Outcome
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text
 from cdobs_cli.families.updated_sampling.carried.law import LAW, MATRICES, NUMBERS, Law
 from cdobs_cli.families.updated_sampling.carried.proof import floor
@@ -20,19 +20,20 @@ from cdobs_cli.families.updated_sampling.carried.search import (
     rounded,
 )
 from cdobs_cli.families.updated_sampling.carried.slopes import largest_slopes
-from cdobs_cli.families.updated_sampling.lipschitz import Rate, rate_of
+from cdobs_cli.families.updated_sampling.lipschitz import rate_of
 from cdobs_cli.plant import Entry, Plant
 
 if TYPE_CHECKING:
     from cdobs_cli.families.updated_sampling import UpdatedSampling
 
-DEFAULTS = {"theta": "1/4", "epsilon": "1e-9"}
-IDLE = {"max_period": "0.1", "min_error": "1"}
+THETA = "1/4"
+SLOWEST, STEADY = "0.1", "1"  # idle where time between samples is all that counts, and where an error is asked for
 LONGEST_SHARE = 0.9  # of the longest T_min: at the longest itself Pi has no floor
 _ROOM = (1.0, 0.98, 0.9)  # of F, for what rounding takes
 _UNBOUNDED = "c(x_hat, u) = {} has no bound over the domain, so Pi has no floor; declare a domain"
 _NOTHING = "no law with a floor of Pi was found at T_min = {}: a shorter one, or smaller slopes, may help"
 _NEVER = "no law with a floor of Pi was found for any T_min: is the state seen by the outputs, whatever the slopes?"
+_UNFIT = "the typed law does not fit the slopes that the estimate can meet: split has a positive entry for each of them"
 _UNPROVED = "a law was found in floating point, but its floor could not be proved for rounded numbers"
 
 
@@ -41,21 +42,14 @@ def synthesize(family: UpdatedSampling, plant: Plant, effort: int) -> Design:
     rate = rate_of(family, plant)
     largest = largest_slopes(plant, rate)
     details = {"rate": rate.document()}
-    typed = typed_law(family, plant)
-    if typed is not None:
-        return _design(family, plant, "given", typed, rate)
-    if largest is None:
-        reason = _UNBOUNDED.format(rate.c)
+    law, reason = None, _UNBOUNDED.format(rate.c)
+    if largest is not None:
+        typed = typed_law(family, plant)
+        law, reason = _found(family, plant, largest, effort) if typed is None else (typed, _UNFIT)
+    if law is None or largest is None or not law.fits(plant.n, plant.p, tuple(largest)):
         return Design(family.name, "none", plant.sampling, {}, reason=reason, details=details)
-    law, reason = _found(family, plant, largest, effort)
-    if law is None:
-        return Design(family.name, "none", plant.sampling, {}, reason=reason, details=details)
-    return _design(family, plant, "found", law, rate)
-
-
-def _design(family: UpdatedSampling, plant: Plant, outcome: str, law: Law, rate: Rate) -> Design:
-    details = {"rate": rate.document(), LAW: law.document()}
-    return Design(family.name, outcome, plant.sampling, {}, details=details)  # type: ignore[arg-type]
+    outcome: Outcome = "given" if is_whole(family) else "found"
+    return Design(family.name, outcome, plant.sampling, {}, details={**details, LAW: law.document()})
 
 
 def stored_law(family: UpdatedSampling, design: Design) -> Law:
@@ -99,11 +93,8 @@ def typed_law(family: UpdatedSampling, plant: Plant) -> Law | None:
     parts = typed_parts(family)
     if not is_whole(family):
         return None
-    own: dict[str, Any] = {name: Exact(text) for name, text in DEFAULTS.items()} | {
-        "Lambda": ExactMatrix([["1"] * plant.p]), "gamma": ExactMatrix([["0"] * plant.n]),
-        "idle": Exact(IDLE["max_period"]),
-    }  # fmt: skip
-    return Law(**{**own, **parts})
+    own = {"Lambda": ExactMatrix([["1"] * plant.p]), "gamma": ExactMatrix([["0"] * plant.n])}
+    return Law(**{**own, **defaults(plant.n, idle=SLOWEST), **parts})
 
 
 def _found(
@@ -111,9 +102,9 @@ def _found(
 ) -> tuple[Law | None, str]:
     """The law that the objective asks for, or why there is none."""
     parts = typed_parts(family)
-    own = {name: parts.get(name, Exact(text)) for name, text in DEFAULTS.items()}
-    own["idle"] = parts.get("idle", Exact(IDLE["max_period"] if _is_longest(family) else IDLE["min_error"]))
-    target = Target.of(plant, largest, float(own["idle"]), parts.get("Lambda"), parts.get("split"), parts.get("sigma"))
+    own = {name: parts.get(name, one) for name, one in defaults(plant.n, idle=_idle(family)).items()}
+    pinned = {name: parts.get(name) for name in ("Lambda", "split", "sigma")}
+    target = Target.of(plant, largest, own["idle"], own["epsilon"], **pinned)
     typed = parts.get("T_min")
     if typed is not None:
         made, nothing = least_error(target, float(typed), effort), _NOTHING.format(typed)
@@ -130,9 +121,13 @@ def _found(
     return None, _UNPROVED
 
 
-def _is_longest(family: UpdatedSampling) -> bool:
-    """Whether the time between samples is all that counts, and no error is asked for."""
-    return family.objective == "max_period" and family.error_at_most is None
+def defaults(n: int, *, idle: str) -> dict[str, Exact]:
+    """theta, epsilon and idle. det(Pi - F) is a product of n numbers that are small beside F near T_min."""
+    return {"theta": Exact(THETA), "epsilon": Exact(Fraction(1, 10 ** (3 + 3 * n))), "idle": Exact(idle)}
+
+
+def _idle(family: UpdatedSampling) -> str:
+    return SLOWEST if family.objective == "max_period" and family.error_at_most is None else STEADY
 
 
 def _matrices(parts: Mapping[str, Any]) -> dict[str, Any]:
