@@ -10,7 +10,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from updated_plants import burst, chain
+from updated_plants import burst, chain, last_row, sines
 
 from cdobs_cli.arrays import Array
 from cdobs_cli.certificate import Check
@@ -28,6 +28,8 @@ from cdobs_cli.families.updated_sampling.carried.law import (
     strengths,
 )
 from cdobs_cli.families.updated_sampling.carried.proof import floor
+from cdobs_cli.families.updated_sampling.carried.slopes import largest_slopes
+from cdobs_cli.families.updated_sampling.lipschitz import rate_of
 from cdobs_cli.families.updated_sampling.structure import problems
 from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.plant import Box, Plant
@@ -416,6 +418,64 @@ def test_noise_of_a_covariance_has_a_mean_square() -> None:
     assert check.verdict == "proved" and "error.x1" not in check.bounds
 
 
+@pytest.mark.parametrize("disturbed", [False, True])
+def test_the_error_is_that_of_the_worst_time_between_samples(disturbed: bool) -> None:
+    """max over t of (N exp(-s t) + D) (Pi(t)^-1)_ii, Pi by scipy: not below it, and not far above."""
+    box = Box((Exact(0), Exact("-0.05")), (Exact(0), Exact("0.05")))
+    plant = replace(PLANT, disturbance=box) if disturbed else PLANT
+    _, check, law = designed(BUDGETED, plant)
+    s, T = 2 * float(law.sigma) * float(law.idle), float(law.T_min)
+    gamma = float(law.gamma[0, 1])
+    D = 0.05**2 / gamma / s if disturbed else 0.0
+    N = float(law.Lambda[0, 0]) * 0.01**2 / (1 - np.exp(-s * T))
+    rule = Rule(plant, law, LARGEST)
+
+    def slope(t: float, y: Array) -> Array:
+        Pi = y.reshape(2, 2)
+        return (rule.slope(Pi, 10.0) - gamma * np.outer(Pi[:, 1], Pi[:, 1])).ravel()
+
+    first = law.F.floats + rule.C.T @ rule.Lambda @ rule.C
+    solved = solve_ivp(slope, (0, T), first.ravel(), rtol=1e-9, t_eval=np.linspace(0, T, 200))
+    for i in range(2):
+        inverse = np.linalg.inv(solved.y.T.reshape(-1, 2, 2))[:, i, i]
+        ahead = (N * np.exp(-s * solved.t) + D) * inverse
+        at_floor = (N * np.exp(-s * T) + D) * np.linalg.inv(law.F.floats)[i, i]
+        proved = float(check.bounds[f"error.x{i + 1}"].proved or 0) ** 2
+        assert max(*ahead, at_floor) <= proved <= 1.05 * max(*ahead, at_floor)
+
+
+@pytest.mark.parametrize(
+    ("plant", "at_least"),
+    [
+        (chain(1, ["u*sin(x1)"], [["3"]], {"u": ("0", "3")}), 0.4),
+        (chain(2, ["0", "0"], [["0", "0"], ["0", "0"]]), 5.0),
+        (sines(3), 0.25),
+        (last_row(4), 0.9),
+        (last_row(6), 0.7),
+    ],
+    ids=["one state", "no slopes", "three", "four", "six"],
+)  # fmt: skip
+def test_any_number_of_states_has_a_law(plant: Plant, at_least: float) -> None:
+    """The twin: the same law with a T_min that is a quarter longer."""
+    _, check, law = designed({}, plant)
+    assert check.verdict == "proved" and float(check.bounds["guaranteed_period"].proved or 0) >= at_least
+    largest = largest_slopes(plant, rate_of(card(), plant))
+    assert largest is not None and floor(plant, law, largest).holds
+    assert not floor(plant, replace(law, T_min=Exact(law.T_min.rational * Fraction(5, 4))), largest).holds
+
+
+def test_a_c_without_a_bound_and_a_law_without_a_split_are_told(budgeted: tuple[Design, Check, Law]) -> None:
+    from cdobs_cli.exact.parser import parse
+
+    unbounded = replace(PLANT, inputs=(replace(PLANT.inputs[0], range=None),), slopes=PLANT.slopes)
+    design = card(c=parse("abs(u)", frozenset({"u"}))).synthesize(unbounded, 0)
+    assert design.outcome == "none" and "no bound" in (design.reason or "")
+    _, _, law = budgeted
+    typed = {"F": law.F.texts(), "split": law.split.texts(), "sigma": str(law.sigma), "T_min": str(law.T_min)}
+    design = card(law=typed).synthesize(chain(2, ["0", "sin(x1) + sin(x2)"], [["0", "0"], ["1", "1"]]), 0)
+    assert design.outcome == "none" and "split" in (design.reason or "")
+
+
 # ---------------------------------------------------------------- what validate says
 
 
@@ -438,6 +498,12 @@ def test_noise_of_a_covariance_has_a_mean_square() -> None:
         ({"law": {"idle": 2}}, "law.idle"),
         ({"law": {"Lambda": [["-1"]]}}, "law.Lambda"),
         ({"law": {"gamma": [["0", "1"]]}}, "law.gamma"),
+        ({"law": {"sigma": "sqrt(2)"}}, "law.sigma"),
+        ({"law": {"Lambda": [["sqrt(2)"]]}}, "law.Lambda"),
+        (
+            {"law": {"F": [["1", "0"], ["0.1", "1"]], "split": [["0", "0"], ["1", "0"]], "sigma": 1, "T_min": 1}},
+            "law.F",
+        ),
     ],
 )
 def test_what_does_not_go_together_is_told_at_its_place(options: dict[str, object], at: str) -> None:
