@@ -123,7 +123,8 @@ class Comparison:
         if design.outcome == "none" or family.certify(plant, design, 0).verdict != "proved":
             return None
         law, observer = design.details["law"], family.observer(plant, design)
-        settings = f"T_min {law['T_min']}, sigma {law['sigma']}, theta {law['theta']}, kappa {law['kappa']}"
+        share = (options.get("law") or {}).get("share", "1")  # type: ignore[attr-defined]
+        settings = f"T_min {law['T_min']}, sigma {law['sigma']}, share {share}"
         return self.point("carried", settings, observer, plant.sampling), observer
 
     def kalman_at_the_same(self, carried: Observer, q: str) -> Point:

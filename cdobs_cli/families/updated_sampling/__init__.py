@@ -69,6 +69,11 @@ class CarriedLaw(BaseModel):
         default=None,
         description="The floor of Pi at samples, (n, n): given, the whole law is; then split, sigma, T_min too.",
     )
+    share: PositiveNumber | None = Field(
+        default=None,
+        description="F is this share of the largest that there is, 1 where left out: a smaller one asks for fewer "
+        "measurements where c is small, and leaves larger proved errors.",
+    )
     split: Rows | None = Field(
         default=None,
         description="(n, n), positive where a slope is: the l of 2 a b <= l a^2 + b^2 / l, at the largest c.",

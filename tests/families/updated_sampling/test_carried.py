@@ -319,6 +319,19 @@ def test_a_budget_is_kept_and_less_of_it_costs_accuracy(budgeted: tuple[Design, 
     assert float(check.bounds["error.x2"].proved or 1) < 0.145
 
 
+def test_a_lower_floor_is_proved_too_and_asks_for_fewer_samples() -> None:
+    """Where c is small: the same constants but for F, both proved, the lower one with the larger proved error."""
+    measured, proved = [], []
+    for share in ("1", "0.25"):
+        options = {"law": {"T_min": "0.15", "sigma": "0.1", "share": share}}
+        design, check, law = designed(options)
+        assert check.verdict == "proved" and law.T_min == Exact("0.15")
+        run = simulate(HybridSystem(PLANT, card(**options).observer(PLANT, design)), _plan("0.5", 1), PLANT.sampling)
+        measured.append(len(run.trajectories[0].t_k))
+        proved.append(float(check.bounds["error.x2"].proved or 0))
+    assert measured[1] < 0.8 * measured[0] and proved[1] > 1.5 * proved[0]
+
+
 def test_the_longest_period_passes_what_was_wanted() -> None:
     _, check, _ = designed({})
     assert float(check.bounds["guaranteed_period"].proved or 0) >= 0.39
@@ -498,6 +511,7 @@ def test_a_c_without_a_bound_and_a_law_without_a_split_are_told(budgeted: tuple[
         ({"law": {"idle": 2}}, "law.idle"),
         ({"law": {"Lambda": [["-1"]]}}, "law.Lambda"),
         ({"law": {"gamma": [["0", "1"]]}}, "law.gamma"),
+        ({"law": {"share": 2}}, "law.share"),
         ({"law": {"sigma": "sqrt(2)"}}, "law.sigma"),
         ({"law": {"Lambda": [["sqrt(2)"]]}}, "law.Lambda"),
         (

@@ -33,8 +33,8 @@ SHARES = (0.999, 0.99, 0.97, 0.93, 0.85, 0.7)
 @dataclass(frozen=True)
 class Target:
     """What a law is for, in floats. A (n, n), C (p, n); cbar_ij; v, d: the largest noise of each output (1 where none
-    is declared) and disturbance of each state; weights: Lambda, V in units of the noise unless it is typed; l and sigma
-    where they are typed."""
+    is declared) and disturbance of each state; weights: Lambda, V in units of the noise unless it is typed; split and
+    sigma where they are typed; share: of the largest F that there is."""
 
     A: Array
     C: Array
@@ -46,6 +46,7 @@ class Target:
     split: Mapping[Entry, float]
     sigma: float | None
     epsilon: float
+    share: float
 
     @staticmethod
     def of(
@@ -56,6 +57,7 @@ class Target:
         Lambda: ExactMatrix | None = None,
         split: ExactMatrix | None = None,
         sigma: Exact | None = None,
+        share: Exact | None = None,
     ) -> Target:
         d = np.array([0.0] * plant.n if plant.disturbance is None else plant.disturbance.float_sizes)
         v = _noise(plant)
@@ -64,7 +66,7 @@ class Target:
         own = 1 / v**2 if Lambda is None else Lambda.floats[0]
         return Target(
             plant.A.floats, plant.C.floats, floats, v, d, float(idle), own, typed,
-            None if sigma is None else float(sigma), float(epsilon),
+            None if sigma is None else float(sigma), float(epsilon), 1.0 if share is None else float(share),
         )  # fmt: skip
 
     @property
@@ -171,7 +173,7 @@ def candidate(target: Target, T: float, logs: Array) -> Candidate | None:
         return None
     H = _matrix(target, split, sigma, gamma)
     for share in SHARES:
-        F = share * top
+        F = target.share * share * top
         path = _path(H, F + CWC, T)
         if path is None:
             continue

@@ -121,5 +121,8 @@ def _of_law(family: UpdatedSampling, plant: Plant) -> Iterator[Problem]:
     if law.F is not None and not is_whole(family):
         hint = "type split, sigma and T_min (or budget) as well, or leave F out to have it found"
         yield Problem((*at, "F"), "a floor belongs to a whole law", hint=hint)
+    if law.share is not None and (law.F is not None or float(law.share) > 1):
+        what, hint = "is of an F that is found, at most 1 of the largest", "leave law.F out, or law.share"
+        yield Problem((*at, "share"), what, got=str(law.share), hint=hint)
     if law.gamma is not None and law.F is None:
         yield Problem((*at, "gamma"), "belongs to a whole law", hint="leave it out to have it found")

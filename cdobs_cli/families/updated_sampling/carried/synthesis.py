@@ -104,6 +104,7 @@ def _found(
     parts = typed_parts(family)
     own = {name: parts.get(name, one) for name, one in defaults(plant.n, idle=_idle(family)).items()}
     pinned = {name: parts.get(name) for name in ("Lambda", "split", "sigma")}
+    pinned["share"] = family.law.share if family.law else None
     target = Target.of(plant, largest, own["idle"], own["epsilon"], **pinned)
     typed = parts.get("T_min")
     if typed is not None:
