@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from math import inf
 
 import numpy as np
@@ -199,18 +200,24 @@ def _errors(target: Target, path: list[Array], sigma: float, T: float, gamma: Ar
     return errors
 
 
+def has_law(target: Target, T: float) -> bool:
+    """Whether there is any law at T_min = T, where it is looked for."""
+    return _somewhere(target, T) is not None
+
+
+def _score(target: Target, T: float, logs: Array) -> float:
+    """The size of the errors that these constants leave; infinite where they are no law."""
+    made = candidate(target, T, _pinned(target, logs))
+    return inf if made is None else float(np.linalg.norm(made.errors))
+
+
 def least_error(target: Target, T: float, effort: int) -> Candidate | None:
     """The law with the least sum of squared errors at T_min = T."""
-
-    def score(logs: Array) -> float:
-        made = candidate(target, T, _pinned(target, logs))
-        return inf if made is None else float(np.linalg.norm(made.errors))
-
-    first = _first(score, start(target, T), len(target.largest))
+    first = _somewhere(target, T)
     if first is None or (target.split and target.sigma is not None and not target.d.any()):
         return None if first is None else candidate(target, T, _pinned(target, first))
     evaluations = EVALUATIONS[min(effort, 3)] * max(1, len(first) // 2)
-    logs, _ = smallest(score, first, np.full(len(first), _STEP), evaluations)
+    logs, _ = smallest(partial(_score, target, T), first, np.full(len(first), _STEP), evaluations)
     return candidate(target, T, _pinned(target, logs))
 
 
@@ -223,20 +230,21 @@ def _pinned(target: Target, logs: Array) -> Array:
     return logs
 
 
-def _first(score: Callable[[Array], float], middle: Array, slopes: int) -> Array | None:
+def _somewhere(target: Target, T: float) -> Array | None:
     """A point where there is a law at all: around the middle, then slower and with less of a disturbance in it."""
-    best, least = None, inf
+    middle, slopes = start(target, T), len(target.largest)
     for slower in (0.0, -1.5, -3.0, -5.0, -8.0):
+        best, least = None, inf
         for shift in (0.0, 1.5, -1.5, 3.0, -3.0):
             logs = middle.copy()
             logs[:slopes] += shift
             logs[slopes:] += slower
-            value = score(logs)
+            value = _score(target, T, logs)
             if value < least:
                 best, least = logs, value
         if best is not None:
             return best
-    return best
+    return None
 
 
 def longest(exists: Callable[[float], bool], least: float, most: float, rounds: int = 24) -> float | None:

@@ -8,17 +8,13 @@ from fractions import Fraction
 from math import inf
 from typing import TYPE_CHECKING, Any
 
+from cdobs_cli.certificate import Bound
 from cdobs_cli.design import Design, Outcome
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text
+from cdobs_cli.families.updated_sampling.carried import errors
 from cdobs_cli.families.updated_sampling.carried.law import LAW, MATRICES, NUMBERS, Law
 from cdobs_cli.families.updated_sampling.carried.proof import floor
-from cdobs_cli.families.updated_sampling.carried.search import (
-    Candidate,
-    Target,
-    least_error,
-    longest,
-    rounded,
-)
+from cdobs_cli.families.updated_sampling.carried.search import Target, has_law, least_error, longest, rounded
 from cdobs_cli.families.updated_sampling.carried.slopes import largest_slopes
 from cdobs_cli.families.updated_sampling.lipschitz import rate_of
 from cdobs_cli.plant import Entry, Plant
@@ -30,6 +26,8 @@ THETA = "1/4"
 SLOWEST, STEADY = "0.1", "1"  # idle where time between samples is all that counts, and where an error is asked for
 LONGEST_SHARE = 0.9  # of the longest T_min: at the longest itself Pi has no floor
 _ROOM = (1.0, 0.98, 0.9)  # of F, for what rounding takes
+_SHORTER = (1.0, 0.99, 0.97, 0.93, 0.85)  # T_min, where a proof leaves an error a little above what was asked
+_TOO_SMALL = "no law was found whose proved error keeps error_at_most: a larger one, or less noise, may help"
 _UNBOUNDED = "c(x_hat, u) = {} has no bound over the domain, so Pi has no floor; declare a domain"
 _NOTHING = "no law with a floor of Pi was found at T_min = {}: a shorter one, or smaller slopes, may help"
 _NEVER = "no law with a floor of Pi was found for any T_min: is the state seen by the outputs, whatever the slopes?"
@@ -106,20 +104,31 @@ def _found(
     pinned = {name: parts.get(name) for name in ("Lambda", "split", "sigma")}
     pinned["share"] = family.law.share if family.law else None
     target = Target.of(plant, largest, own["idle"], own["epsilon"], **pinned)
-    typed = parts.get("T_min")
-    if typed is not None:
-        made, nothing = least_error(target, float(typed), effort), _NOTHING.format(typed)
-    else:
-        made, nothing = _longest(family, target, plant, effort), _NEVER
-    if made is None:
-        return None, nothing
-    T = typed or Exact(decimal_text(made.T, 4))
-    own |= {"T_min": T, "kappa": parts["kappa"], "reset": parts["reset"]}
-    for share in _ROOM:
-        law = replace(rounded(made, target, share), **own, **_matrices(parts))
-        if floor(plant, law, largest).holds:
-            return law, ""
-    return None, _UNPROVED
+    own |= {"kappa": parts["kappa"], "reset": parts["reset"]}
+    times = [parts["T_min"]] if "T_min" in parts else _times(family, target, plant, effort)
+    reason = _NOTHING.format(times[0]) if "T_min" in parts else _NEVER
+    if not times and family.error_at_most is not None:
+        reason = _TOO_SMALL
+    for T in times:
+        made = least_error(target, float(T), effort)
+        if made is None:
+            continue
+        for share in _ROOM:
+            law = replace(rounded(made, target, share), T_min=T, **own, **_matrices(parts))
+            proved = floor(plant, law, largest)
+            if proved.holds and _keeps(family, errors.bounds(plant, law, largest, proved.share or Fraction(0))):
+                return law, ""
+            reason = _TOO_SMALL if proved.holds else _UNPROVED
+    return None, reason
+
+
+def _keeps(family: UpdatedSampling, bounds: Mapping[str, Bound]) -> bool:
+    """Whether the proved errors are what was asked for."""
+    for state, limit in (family.error_at_most or {}).items():
+        bound = bounds.get(f"error.{state}")
+        if bound is None or bound.proved is None or not Exact(bound.proved).is_at_most(limit):
+            return False
+    return True
 
 
 def defaults(n: int, *, idle: str) -> dict[str, Exact]:
@@ -135,18 +144,18 @@ def _matrices(parts: Mapping[str, Any]) -> dict[str, Any]:
     return {name: parts[name] for name in MATRICES if name in parts}
 
 
-def _longest(family: UpdatedSampling, target: Target, plant: Plant, effort: int) -> Candidate | None:
-    """Of the longest T_min the law with the least error: the longest with errors that are small enough, or nine tenths
-    of the longest with any floor at all."""
+def _times(family: UpdatedSampling, target: Target, plant: Plant, effort: int) -> list[Exact]:
+    """The longest T_min with errors that are small enough, then a little shorter ones, for what a proof takes; or nine
+    tenths of the longest with any floor at all."""
     wanted = [family.error_at_most.get(state) for state in plant.states] if family.error_at_most else []
     limits = [inf if one is None else float(one) for one in wanted]
 
     def within(T: float) -> bool:
+        if not limits:
+            return has_law(target, T)
         made = least_error(target, T, effort)
-        return made is not None and all(error <= limit for error, limit in zip(made.errors, limits, strict=False))
+        return made is not None and all(error <= limit for error, limit in zip(made.errors, limits, strict=True))
 
     T = longest(within, *target.times)
-    if T is None:
-        return None
-    share = LONGEST_SHARE if not limits else 1.0
-    return least_error(target, float(decimal_text(share * T, 3)), effort)
+    shares = () if T is None else _SHORTER if limits else (LONGEST_SHARE, LONGEST_SHARE**2)
+    return [Exact(decimal_text((T or 0.0) * share, 3)) for share in shares]
