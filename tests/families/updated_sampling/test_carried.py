@@ -479,6 +479,34 @@ def test_any_number_of_states_has_a_law(plant: Plant, at_least: float) -> None:
     assert not floor(plant, replace(law, T_min=Exact(law.T_min.rational * Fraction(5, 4))), largest).holds
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"budget": "1e100"}, {"budget": "1e-100"}, {"law": {"sigma": "1e100"}}, {"law": {"Lambda": [["1e-100"]]}},
+        {"law": {"split": [["0", "0"], ["1e100", "0"]]}}, {"law": {"epsilon": "1e100"}}, {"law": {"share": "1e-100"}},
+        {
+            "law": {
+                "F": [["1e100", "0"], ["0", "1e-100"]], "split": [["0", "0"], ["1e100", "0"]], "sigma": "1e-100",
+                "T_min": "1e100",
+            }
+        },
+    ],
+)  # fmt: skip
+def test_extreme_numbers_prove_nothing_and_break_nothing(options: dict[str, object]) -> None:
+    family = card(**options)
+    check = family.certify(PLANT, family.synthesize(PLANT, 0), 0)
+    assert check.verdict == "undecided" and not check.bounds
+
+
+def test_an_error_beyond_all_numbers_is_no_bound() -> None:
+    family = card(law={"idle": "1e-100"})
+    check = family.certify(PLANT, family.synthesize(PLANT, 0), 0)
+    statuses = {claim.id: claim.status for claim in check.claims}
+    assert statuses["convergence"] == "proved" and check.verdict == "undecided"
+    assert statuses["error_bounded"] == "undecided" and "error.x1" not in check.bounds
+
+
 def test_a_c_without_a_bound_and_a_law_without_a_split_are_told(budgeted: tuple[Design, Check, Law]) -> None:
     from cdobs_cli.exact.parser import parse
 

@@ -29,6 +29,7 @@ from cdobs_cli.families.updated_sampling.carried.proof import keeps_inverse
 from cdobs_cli.plant import Entry, Plant
 
 _DIGITS = 9
+_LARGEST = 1e100  # of what a spec may hold: beyond it nothing is said
 METHOD = "carried"
 _MORE = tuple(Fraction(text) for text in ["1.001", "1.01", "1.03", "1.1", "1.2", "1.4", "2"])
 
@@ -43,6 +44,8 @@ def bounds(plant: Plant, law: Law, largest: Mapping[Entry, Fraction], share: Fra
         return _mean_square(plant, law, share, steady)
     about = "largest error that is left, of every run, noise and disturbance within the declared bounds"
     errors = _peaks(plant, law, largest, share, steady)
+    if not all(error.is_finite() and error.upper() < _LARGEST for error in errors):
+        return {}
     return {f"error.{state}": _bound(error, about) for state, error in zip(plant.states, errors, strict=True)}
 
 

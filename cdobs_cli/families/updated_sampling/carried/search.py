@@ -207,7 +207,8 @@ def has_law(target: Target, T: float) -> bool:
 
 def _score(target: Target, T: float, logs: Array) -> float:
     """The size of the errors that these constants leave; infinite where they are no law."""
-    made = candidate(target, T, _pinned(target, logs))
+    with np.errstate(all="ignore"):  # far from any law numbers overflow; those are no candidates
+        made = candidate(target, T, _pinned(target, logs))
     return inf if made is None else float(np.linalg.norm(made.errors))
 
 
