@@ -5,7 +5,7 @@
 Beside it: Theorem 2', a constant period whose gain is proved by the clock certificate, the Kalman filter at the same
 instants and at a constant period, and the observer of the theorems with numbers tuned by hand (met by no theorem).
 Each method is run over a grid of its own settings; its front is the fewest measurements for each error. Prints the
-fronts with the worst run, and what each needs at equal error; writes carried_<plant>.svg, .png, .csv.
+fronts with the worst run, and what each needs at equal error; writes carried_<plant>.svg, .png, .csv. Ten minutes.
 """
 
 import sys
