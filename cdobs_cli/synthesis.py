@@ -283,7 +283,7 @@ def _holds_what_is_given(spec: Spec, stored: Design) -> bool:
         return False
     if stored.outcome == "none":
         return True
-    typed = getattr(spec.observer, "gain", None) is not None
+    typed = spec.observer.is_given
     alone = {name for name in stored.slopes if not is_shared(name)}  # `system_of` reads the others
     if (stored.outcome == "given") != typed or alone != {name for name, *_ in to_be_found(spec.plant)}:
         return False

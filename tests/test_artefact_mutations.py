@@ -36,6 +36,7 @@ SPECS = (
     "lpv_zoh_duffing", "lpv_zoh_flexible_joint_auto", "lpv_zoh_sine", "plant_crane_messages",
     "reachability_chain3", "reachability_feedforward", "reachability_pendulum_printed_set",
     "updated_sampling_theorem_2", "updated_sampling_unstable", "updated_sampling_unstable_best",
+    "updated_sampling_unstable_carried",
 )  # fmt: skip
 EDITS = int(os.environ.get("CDOBS_MUTATIONS", "180"))
 AS_IT_IS = 15  # of so many edits one is followed by the real work, and not by what the clean run made
@@ -308,6 +309,7 @@ GIVEN = {
     "interval_scalar_best": {"S": None, "L": None, "K_lower": None, "K_upper": None},
     "interval_scalar": {"S": [["1"]], "L": [["1.4"]], "K_lower": [["-3"]], "K_upper": [["-3"]]},
     "updated_sampling_unstable_best": {"K": None, "alpha": None, "a1": None, "a2": None, "a3": None},
+    "updated_sampling_unstable_carried": {},
     "updated_sampling_unstable": {
         "K": [["-0.8333"], ["-0.1852"]], "alpha": [["0.9"]], "a1": [["0.3333"]], "a2": [["0.3"]], "a3": [["0"]],
     },
@@ -333,6 +335,13 @@ GIVEN = {
         ("reachability_chain3", "design.json", put("estimate", "way", value="cut")),
         ("reachability_chain3", "design.json", put("estimate", "way", value="shut")),
         ("updated_sampling_unstable", "design.json", put("estimate", "way", value="continuation")),
+        ("updated_sampling_unstable_carried", "design.json", put("details", "law", "T_min", value="0.1")),
+        ("updated_sampling_unstable_carried", "design.json", put("details", "law", "reset", value=True)),
+        ("updated_sampling_unstable_carried", "design.json", put("details", "law", "kappa", value="1")),
+        ("updated_sampling_unstable_carried", "design.json", put("details", "law", "sigma", value="-1")),
+        ("updated_sampling_unstable_carried", "design.json", put("details", "law", "F", value=[["1"]])),
+        ("updated_sampling_unstable_carried", "design.json", put("details", "law", value={})),
+        ("updated_sampling_unstable_carried", "design.json", put("outcome", value="given")),
         ("reachability_chain3", "design.json", put("schema_version", value=True)),
         ("reachability_chain3", "design.json", put("digests", "more", value="a")),
         ("reachability_chain3", "check.json", put("verdict", value="undecided")),

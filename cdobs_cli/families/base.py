@@ -125,6 +125,11 @@ class Family(BaseModel, ABC):
         """The card with what a default leaves to the plant and to the time of its simulation, where there is one."""
         return self
 
+    @property
+    def is_given(self) -> bool:
+        """Whether the block types what runs, to be analysed only."""
+        return getattr(self, "gain", None) is not None
+
     @abstractmethod
     def given(self) -> Mapping[str, ExactMatrix | None]:
         """The matrices that a design of this card holds, by paper letter: as typed, None where one is to be found."""

@@ -27,3 +27,19 @@ def test_noise_reaches_the_estimate_in_proportion():
         Comparison(runs=2, horizon="14", noise=noise).updated("0.9", "0.3").error for noise in ("0.003", "0.03")
     )
     assert 3 * quiet < loud < 15 * quiet
+
+
+# Its floor is proved for every c(t) up to 10.
+ACCURATE = {"law": {"T_min": "0.15", "sigma": "0.1", "theta": "0.1", "share": "0.25"}}
+
+
+def test_a_carried_certificate_needs_few_measurements_beside_theorem_2_prime():
+    comparison = Comparison(runs=8, horizon="30")
+    met = comparison.carried(**ACCURATE)
+    assert met is not None  # and so it is proved
+    point, observer = met
+    assert point.measurements <= 50 and point.error <= 0.0105 and point.worst <= 1.5 * point.error
+    theorem = comparison.proved()
+    assert theorem.measurements > 8 * point.measurements and theorem.error > 10 * point.error
+    # Honestly: the filter, which knows the noise, is better at the same instants.
+    assert comparison.kalman_at_the_same(observer, "1e-8").error < point.error

@@ -58,7 +58,8 @@ SCHEMES = {
 }
 HELD = ("periodic", "late")  # of what the family that holds its innovation takes
 SHIPPED = (
-    "updated_sampling_unstable", "interval_scalar", "interval_pendulum", "reachability_range_bearing",
+    "updated_sampling_unstable", "updated_sampling_unstable_carried", "interval_scalar", "interval_pendulum",
+    "reachability_range_bearing",
     "lpv_zoh_bioreactor_lie",
 
 )  # fmt: skip

@@ -51,7 +51,7 @@ def certify(family: UpdatedSampling, plant: Plant, design: Design, effort: int) 
     premise = rate_claim(plant, rate, family.variant)
     bounded = largest_is_proved(plant, rate, family.variant, premise)
     one_step = _one_step_claim(plant, design, numbers, effort)
-    claims = [premise, _bounded_claim(rate, bounded), _hurwitz_claim(numbers), one_step]
+    claims = [premise, bounded_claim(rate, bounded), _hurwitz_claim(numbers), one_step]
     own = [certificate for certificate in design.certificates if certificate.method != constant_period.METHOD]
     question, by = asked(family, plant, design.gain, effort), None
     for stored in filter(None, (read(certificate, THEOREMS) for certificate in own)):
@@ -95,10 +95,9 @@ def _convergence(became: Status, statement: str, **more: Any) -> Claim:
     return Claim(CONVERGENCE, "consequence", became, f"{statement}.", SOURCE, required=True, **more)
 
 
-def _bounded_claim(rate: Rate, bounded: bool) -> Claim:
+def bounded_claim(rate: Rate, bounded: bool, so: str = "L stays bounded and the periods above 0") -> Claim:
     limit = "some bound" if rate.largest is None else str(rate.largest)
-    over = "over the domain and the input ranges, so L stays bounded and the periods above 0"
-    statement = f"c(x_hat, u) <= {limit} {over}."
+    statement = f"c(x_hat, u) <= {limit} over the domain and the input ranges, so {so}."
     return Claim("c_bounded", "premise", status_of(bounded), statement, "Andrieu2014, (4), Lemma 1")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from cdobs_cli.errors import Problem
@@ -16,7 +17,11 @@ MAX_STATES = 6
 
 def problems(family: UpdatedSampling, plant: Plant) -> list[Problem]:
     """Mistakes that show without linear algebra."""
-    n, found = plant.n, []
+    if family.is_carried:
+        from cdobs_cli.families.updated_sampling.carried.structure import problems as of_carried
+
+        return of_carried(family, plant)
+    n, found = plant.n, list(only_of_carried(family))
 
     def wrong(what: str, *path: str | int, **more: str) -> None:
         found.append(Problem(path, what, **more))  # type: ignore[arg-type]
@@ -56,3 +61,13 @@ def problems(family: UpdatedSampling, plant: Plant) -> list[Problem]:
         what = "is for objective given_alpha without a given gain"
         wrong(what, "observer", "alpha", hint="a given gain has its own gain.alpha")
     return found
+
+
+def only_of_carried(family: UpdatedSampling) -> Iterator[Problem]:
+    """Options that have no meaning without a certificate that is carried along."""
+    for name in ("rule", "budget", "reset", "error_at_most", "law"):
+        if getattr(family, name) not in (None, False):
+            yield Problem(("observer", name), "is of method carried", hint="write method: carried, or leave it out")
+    if family.objective == "min_error":
+        what, hint = "the theorems have no bound of the error under noise", "method: carried does"
+        yield Problem(("observer", "objective"), what, family.objective, "max_period, given_alpha", hint=hint)

@@ -1,0 +1,109 @@
+"""The observer of a carried certificate as equations: x_hat, Pi and the integral of r, run together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from fractions import Fraction
+from typing import Any
+
+from cdobs_cli.exact.expression import ZERO, Expression, Number, Variable, call, power
+from cdobs_cli.exact.numbers import ExactMatrix
+from cdobs_cli.families.updated_sampling.carried.law import (
+    Law,
+    Table,
+    after_sample,
+    determinant,
+    riccati,
+    solve,
+    strengths,
+)
+from cdobs_cli.families.updated_sampling.carried.slopes import shares
+from cdobs_cli.families.updated_sampling.lipschitz import HAT, Rate
+from cdobs_cli.hybrid import Observer
+from cdobs_cli.plant import Entry, Plant
+
+CLOCK = "gain.r"
+_HALF = Fraction(1, 2)
+
+
+def observer(plant: Plant, law: Law, rate: Rate, largest: Mapping[Entry, Fraction]) -> Observer:
+    """x_hat' = A x_hat + phi(sat x_hat, u) + B u, Pi' by `riccati` with c(sat x_hat, u), and at a sample
+
+        x_hat+ = x_hat + K (y - C x_hat),  K = (Pi + C'Lambda C)^-1 C'Lambda,  Pi+ = Pi + C'Lambda C
+
+    (with `reset` Pi+ = F + C'Lambda C). Pi(0) = F, and the sample at 0 is used. The next sample is due when T_min is
+    over and det(Pi - F) has come down to epsilon det F, or the integral of r since the last one up to kappa.
+    """
+    n, hat = plant.n, tuple(HAT + name for name in plant.states)
+    inside = plant.clipped(HAT)
+    cut = replace(plant, phi=tuple(one.substitute(inside) for one in plant.phi))
+    c = rate.c.substitute(inside)
+    q = shares(largest, rate, c)
+    names = [[entry_name(i, j) for j in range(n)] for i in range(n)]
+    upper = [(i, j) for i in range(n) for j in range(i, n)]
+    Pi: Table = [[Variable(name) for name in row] for row in names]
+    F, C = _table(law.F), _table(plant.C)
+    r = _clock(law, q)
+    weights = [one.expression for one in law.Lambda.rows[0]]
+    read = after_sample(Pi, C, weights)
+    K = solve(read, [[C[k][i] * weights[k] for k in range(plant.p)] for i in range(n)], lambda a, b: a / b)
+    kept = after_sample(F, C, weights) if law.reset else read
+    innovation = [Variable(f"y.{k}") - one for k, one in enumerate(plant.outputs(HAT))]
+    corrected = [
+        sum((K[i][k] * innovation[k] for k in range(plant.p)), Variable(hat[i])) for i in range(n)
+    ]  # fmt: skip
+    flow = riccati(Pi, _table(plant.A), *_strengths(plant, law, largest, q), Number(2) * law.sigma.expression * r)
+    margin, seen = _margin(Pi, law), {names[i][j].removeprefix("gain."): Pi[i][j] for i, j in upper}
+    return Observer(
+        states=(*hat, *(names[i][j] for i, j in upper), CLOCK),
+        start=(*(Variable(f"initial.{name}") for name in plant.states), *(F[i][j] for i, j in upper), ZERO),
+        flow=(*cut.right_hand_side(HAT), *(flow[i][j] for i, j in upper), r),
+        jump=(*corrected, *(kept[i][j] for i, j in upper), ZERO),
+        estimates={"x_hat": tuple(Variable(name) for name in hat)},
+        trigger=_trigger(law, margin),
+        internals={**seen, "c": c, "margin": margin},
+    )  # fmt: skip
+
+
+def entry_name(i: int, j: int) -> str:
+    """Of Pi_ij, counted from 0: `gain.Pi_12`."""
+    return f"gain.Pi_{min(i, j) + 1}{max(i, j) + 1}"
+
+
+def _table(matrix: ExactMatrix) -> Table:
+    return [[one.expression for one in row] for row in matrix.rows]
+
+
+def _clock(law: Law, q: Mapping[Entry, Expression]) -> Expression:
+    """r = max(idle, sqrt(max q_ij)); idle where no slope is uncertain."""
+    steepest: Expression = ZERO
+    for share in q.values():
+        steepest = share if steepest == ZERO else call("max", steepest, share)
+    return call("max", law.idle.expression, power(steepest, _HALF)) if q else law.idle.expression
+
+
+def _strengths(
+    plant: Plant, law: Law, largest: Mapping[Entry, Fraction], q: Mapping[Entry, Expression]
+) -> tuple[list[Any], list[Any]]:
+    slower, faster = law.exponents
+    split = {entry: law.split[entry].expression for entry in largest}
+    cl = {entry: Number(bound) * split[entry] * power(q[entry], slower) for entry, bound in largest.items()}
+    c_over_l = {entry: Number(bound) / split[entry] * power(q[entry], faster) for entry, bound in largest.items()}
+    return strengths(plant.n, cl, c_over_l, [one.expression for one in law.gamma.rows[0]], ZERO)
+
+
+def _margin(Pi: Table, law: Law) -> Expression:
+    """det(Pi - F) / det F - epsilon: above 0 between T_min and the next sample."""
+    F = _table(law.F)
+    distance = [[Pi[i][j] - F[i][j] for j in range(len(F))] for i in range(len(F))]
+    inside: Expression = determinant(distance) / determinant(F)
+    return inside - law.epsilon.expression
+
+
+def _trigger(law: Law, margin: Expression) -> Expression:
+    """min(elapsed - T_min, max(-margin, integral of r - kappa))."""
+    due = -margin
+    if law.kappa is not None:
+        due = call("max", due, Variable(CLOCK) - law.kappa.expression)
+    return call("min", Variable("elapsed") - law.T_min.expression, due)
