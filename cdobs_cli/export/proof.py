@@ -7,18 +7,22 @@ from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
 from importlib.resources import files
+from itertools import islice, product
 from typing import Any
 
 from flint import arb, fmpq
 
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify.accuracy import METHODS as METHODS_OF_ERRORS
+from cdobs_cli.certify.kernel import kernel
 from cdobs_cli.certify.methods.base import read
+from cdobs_cli.certify.texts import rationals
 from cdobs_cli.design import Design
 from cdobs_cli.errors import UsageError
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, fmpq_fraction, upper_text
 from cdobs_cli.export.about import About
+from cdobs_cli.export.check_proof import RefusedError, check
 from cdobs_cli.families.base import Family
 from cdobs_cli.families.constant_gain import ConstantGain
 from cdobs_cli.hybrid import PlantView
@@ -26,8 +30,10 @@ from cdobs_cli.plant import Box, Plant
 from cdobs_cli.sampling import SamplingLaw
 
 CHECKER = "check_proof.py"
-METHODS = ("clock", "mean_square", "peak")
+METHODS = ("clock", "set", "mean_square", "peak")
 _KINDS = {"reachability": ("corrected", "K"), "lpv_zoh": ("held", "L")}
+# Of the box of transitions: that of a chain of integrators, the exponential, or of so many steps, which is wider.
+_STEPS = (0, 1, 16, 256)
 _ROOM = Fraction(1, 10**9)  # by which a stated bound is above the certificate's own, which roots and decimals round
 
 
@@ -56,14 +62,18 @@ def proof_files(about: About, card: Family, plant: Plant, design: Design) -> dic
     if kind == "held" and plant.output_quantities:
         raise UsageError("a proof with a held innovation is written of linear outputs only")
     try:
-        certificates = [_certificate(one, bound) for one, bound in chosen]
-        document = {
+        document: dict[str, Any] = {
             "schema_version": 1, "title": about.title, "verdict": about.verdict, "told": list(about.told),
             "digests": dict(about.digests), "time_unit": about.labels.time, "observer": kind,
-            "plant": _plant(plant), "gain": _rows(design.gain[letter]), "certificates": certificates,
+            "plant": _plant(plant), "gain": _rows(design.gain[letter]), "certificates": [],
         }  # fmt: skip
+        for one, bound in chosen:
+            tried = _sets(one, plant, design.gain[letter]) if one.method == "set" else [_certificate(one, bound)]
+            document["certificates"] += list(islice((each for each in tried if _holds(document, each)), 1))
     except _NoFractionError as error:
         raise UsageError(f"a proof holds fractions only: {error}") from error
+    if not document["certificates"]:
+        raise UsageError("the matrices that the checker finds by itself, in short steps, are too many for this period")
     checker = files(__package__).joinpath(CHECKER).read_text(encoding="utf-8")
     return {"proof/proof.json": json.dumps(document, indent=1) + "\n", f"proof/{CHECKER}": checker}
 
@@ -80,6 +90,14 @@ def _proved(card: ConstantGain, plant: Plant, design: Design) -> Iterator[tuple[
             yield one, proof.error
 
 
+def _holds(document: dict[str, Any], certificate: dict[str, Any]) -> bool:
+    """Whether the checker says so; of other methods than sets it is not asked, as nothing is tried there."""
+    try:
+        return certificate["method"] != "set" or bool(check(document | {"certificates": [certificate]}))
+    except RefusedError:
+        return False
+
+
 def _plant(plant: Plant) -> dict[str, Any]:
     view = PlantView.balls(plant, {})
     C = view.C
@@ -90,9 +108,8 @@ def _plant(plant: Plant) -> dict[str, Any]:
         "A": _fractions(view.A), "C": _fractions(C),
         "slopes": _slopes(view.parts, view.lower, view.upper),
         "outputs": _slopes(view.outputs, view.output_lower, view.output_upper),
-        "disturbance": _sizes(plant.disturbance), "noise": _sizes(plant.noise),
-        "intensity": None if plant.intensity is None else _rows(plant.intensity),
-        "covariance": None if plant.covariance is None else _rows(plant.covariance),
+        "disturbance": _sizes(plant.disturbance, plant.n), "noise": _sizes(plant.noise, plant.p),
+        "intensity": _covariance(plant.intensity, plant.n), "covariance": _covariance(plant.covariance, plant.p),
     }  # fmt: skip
 
 
@@ -103,8 +120,17 @@ def _slopes(parts: tuple[Matrix, ...], lower: tuple[Any, ...], upper: tuple[Any,
     ]
 
 
-def _sizes(box: Box | None) -> list[str] | None:
-    return None if box is None else [_fraction(size) for size in box.sizes]
+def _sizes(box: Box | None, length: int) -> list[str]:
+    return ["0"] * length if box is None else [_fraction(size) for size in box.sizes]
+
+
+def _covariance(M: ExactMatrix | None, size: int) -> list[list[str]]:
+    return _upper(Matrix.zeros(size, size) if M is None else M.balls())
+
+
+def _upper(M: Matrix) -> list[list[str]]:
+    """The upper triangle, each row from the diagonal on."""
+    return [row[i:] for i, row in enumerate(_fractions(M))]
 
 
 def _rows(M: ExactMatrix) -> list[list[str]]:
@@ -140,11 +166,20 @@ def _certificate(one: Certificate, bound: arb | None) -> dict[str, Any]:
     if one.method == "clock":
         written = {
             "degrees": [int(data["degree"]), int(data["elevated"])], "pieces": list(map(int, data["pieces"])),
-            "sigma": _text(data["sigma"]), "basis": _texts(data["basis"]), "P": _texts(data["P"]),
+            "sigma": _text(data["sigma"]), "basis": _texts(data["basis"]),
+            "inverse": _fractions(rationals(data["basis"]).inverse()), "P": _texts(data["P"]),
         }  # fmt: skip
     elif one.method == "mean_square":
         d, D, before, after = map(int, data["shape"])
-        written = {"degrees": [d, D], "pieces": [before, after], "units": _texts(data["units"]), "P": _texts(data["P"])}
+        units = [Fraction(_text(unit)) for unit in data["units"]]
+        P = [
+            [
+                [str(Fraction(_text(text)) / (units[i] * units[i + k])) for k, text in enumerate(row)]
+                for i, row in enumerate(one_P)
+            ]
+            for one_P in data["P"]
+        ]
+        written = {"degrees": [d, D], "pieces": [before, after], "P": P}
     else:
         start = data.get("start")
         chains = [_chain(chain) for chain in data["chains"]]
@@ -152,6 +187,26 @@ def _certificate(one: Certificate, bound: arb | None) -> dict[str, Any]:
     if bound is not None:
         written["bound"] = str((Exact(upper_text(bound)).rational or Fraction(0)) * (1 + _ROOM))
     return {"method": one.method, "law": _law(one.sampling), "data": written}
+
+
+def _sets(one: Certificate, plant: Plant, K: ExactMatrix) -> Iterator[dict[str, Any]]:
+    """A certificate of a set as e = S z after samples, I - K C = S T and z'Q z. The checker's box lies in the set, or
+    is a little wider: then with a slower fall.
+
+    A typed set is not written: it holds the box of the plant's structure, and inequalities at its members hold there.
+    """
+    space, jump = kernel(plant.C), Matrix.identity(plant.n) - K.balls() @ plant.C.balls()
+    fall = Fraction(_text(one.data["rho_squared"]))
+    if one.data["form"] == "full" or not space.dimension:
+        S, T = Matrix.identity(plant.n), jump
+        Q = ExactMatrix(one.data["P"]).balls() if space.dimension else S
+        fall = fall if space.dimension else Fraction(1, 2)
+    else:
+        S, T, Q = space.N, space.R @ jump, ExactMatrix(one.data["Q"]).balls()
+    written = {"S": _fractions(S), "T": _fractions(T), "Q": _upper(Q)}
+    for steps, rho_squared in product(_STEPS, (fall, (1 + fall) / 2)):
+        data = written | {"steps": steps, "rho_squared": str(rho_squared)}
+        yield {"method": "set", "law": _law(one.sampling), "data": data}
 
 
 def _chain(chain: dict[str, Any]) -> dict[str, Any]:
