@@ -339,18 +339,18 @@ def chain_box(flows: list[Matrix], n: int) -> Matrix:
     require(all(A.rows[i][j] == (j == i + 1) for A in flows for i in range(n - 1) for j in range(n)), "no integrators")
     ends = [[A.rows[-1][j] for A in flows] + [Fraction(0)] for j in range(n)]
     rows = [[*map(min, ends[: j + 1]), *map(max, ends[j + 1 :])] for j in range(-1, n)]
-    high, *low = (series(Matrix([*flows[0].rows[:-1], row]).each(Interval)) for row in rows)
-    for j, terms in enumerate(low):
-        parts = [Interval(Fraction(0), Fraction(1))]
-        while parts:
-            s, value = parts.pop(), Interval(Fraction(0))
-            for M in reversed(terms):
+    high, *low = (reduce(Matrix.__add__, series(Matrix([*flows[0].rows[:-1], row]).each(Interval))) for row in rows)
+    for j, row in enumerate(rows[1:]):
+        F = Matrix([*flows[0].rows[:-1], row]) - Matrix.diagonal([min(row[-1], 0)] * n)  # f_j times an exponential
+        terms, parts = series(F.each(Interval))[::-1], [Interval(Fraction(0), Fraction(1))]
+        for s in parts:
+            value = Interval(Fraction(0))
+            for M in terms:
                 value = value * s + M.rows[j][j]
-            if value.low < 0:
-                require(s.high - s.low > Fraction(1, 2**60), "the period is longer than a chain of integrators allows")
-                parts += [Interval(s.low, (s.low + s.high) / 2), Interval((s.low + s.high) / 2, s.high)]
-    below, above = [reduce(Matrix.__add__, terms) for terms in low], reduce(Matrix.__add__, high)
-    return Matrix([Interval(below[j].rows[i][j].low, above.rows[i][j].high) for j in range(n)] for i in range(n))
+            require(value.high >= 0 and len(parts) < 9999, "the period is longer than a chain of integrators allows")
+            middle = (s.low + s.high) / 2
+            parts += [Interval(s.low, middle), Interval(middle, s.high)] if value.low < 0 else []
+    return Matrix([Interval(low[j].rows[i][j].low, high.rows[i][j].high) for j in range(n)] for i in range(n))
 
 
 def reachable(system: System, law: Law, data: Any) -> str:
