@@ -354,11 +354,11 @@ def chain_box(flows: list[Matrix], n: int) -> Matrix:
 
 
 def reachable(system: System, law: Law, data: Any) -> str:
-    """e = S z after samples, I - K C = S T, and z'Q z falls by rho^2 over a period for all M of a box that holds all
+    """e = S z after samples, jumps e+ = S T e, and z'Q z falls by rho^2 over a period for all M of a box that holds all
     transitions (of a chain, or by `steps` equal steps): z+ = T M S z. For x = S z, M x runs over center x + diag(eps)
     radius |x|, |eps_i| <= 1; convex functions are largest at signs; |x| = diag(sigma) x. One sign of all is free."""
-    steps, rho_squared, n, r = count(data["steps"]), number(data["rho_squared"]), system.n, len(listed(data["Q"]))
-    require(law.is_plain and law.low == law.high and n == system.N <= 8, "a law or an observer that this is not about")
+    steps, rho_squared, n, r = count(data["steps"]), number(data["rho_squared"]), system.N, len(listed(data["Q"]))
+    require(law.is_plain and law.low == law.high and n <= 8, "a law or an observer that this is not about")
     S, T, Q = Matrix.read(data["S"], n, r), Matrix.read(data["T"], r, n), Matrix.symmetric(data["Q"], r)
     require(r and 0 <= rho_squared < 1 and all((S @ T).rows == J.rows for J in system.jumps), "no map from S z to S z")
     Q.require_definite("Q")

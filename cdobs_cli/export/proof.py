@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from fractions import Fraction
 from importlib.resources import files
 from itertools import islice, product
-from typing import Any
+from typing import Any, TypeAlias
 
 from flint import arb, fmpq
 
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify.accuracy import METHODS as METHODS_OF_ERRORS
 from cdobs_cli.certify.kernel import kernel
-from cdobs_cli.certify.methods.base import read
+from cdobs_cli.certify.methods.base import Question, read
 from cdobs_cli.certify.texts import rationals
 from cdobs_cli.design import Design
 from cdobs_cli.errors import UsageError
@@ -30,11 +30,15 @@ from cdobs_cli.plant import Box, Plant
 from cdobs_cli.sampling import SamplingLaw
 
 CHECKER = "check_proof.py"
-METHODS = ("clock", "set", "mean_square", "peak")
+METHODS = ("clock", "set", "spectral_radius", "mean_square", "peak")
 _KINDS = {"reachability": ("corrected", "K"), "lpv_zoh": ("held", "L")}
 # Of the box of transitions: that of a chain of integrators, the exponential, or of so many steps, which is wider.
 _STEPS = (0, 1, 16, 256)
+_MOST_STATES = 6  # of a linear loop, whose box has 2^(2 n - 1) members that count
+_SHARES = (1 / 16, 1 / 2)  # of what lies between the square of the spectral radius and 1
 _ROOM = Fraction(1, 10**9)  # by which a stated bound is above the certificate's own, which roots and decimals round
+
+Rows: TypeAlias = list[list[str]]
 
 
 class _NoFractionError(Exception):
@@ -47,8 +51,11 @@ def proof_files(about: About, card: Family, plant: Plant, design: Design) -> dic
     Raises:
         UsageError: nothing of the design can be checked with fractions alone.
     """
-    chosen = list(_proved(card, plant, design)) if isinstance(card, ConstantGain) and design.family in _KINDS else []
-    if design.sampling.has_sensors or not chosen:
+    question, chosen = None, list[tuple[Certificate, arb | None]]()
+    if isinstance(card, ConstantGain) and design.family in _KINDS and not design.sampling.has_sensors:
+        question = card.question(replace(plant, sampling=design.sampling), design.gain, 0)
+        chosen = list(_proved(card, question, design))
+    if question is None or not chosen:
         held = ", ".join(dict.fromkeys(one.method for one in design.certificates)) or "none"
         raise UsageError(
             f"a proof is written of certificates by {', '.join(METHODS)} of one gain; this design of family "
@@ -68,7 +75,7 @@ def proof_files(about: About, card: Family, plant: Plant, design: Design) -> dic
             "plant": _plant(plant), "gain": _rows(design.gain[letter]), "certificates": [],
         }  # fmt: skip
         for one, bound in chosen:
-            tried = _sets(one, plant, design.gain[letter]) if one.method == "set" else [_certificate(one, bound)]
+            tried = _tried(one, bound, question)
             document["certificates"] += list(islice((each for each in tried if _holds(document, each)), 1))
     except _NoFractionError as error:
         raise UsageError(f"a proof holds fractions only: {error}") from error
@@ -78,9 +85,8 @@ def proof_files(about: About, card: Family, plant: Plant, design: Design) -> dic
     return {"proof/proof.json": json.dumps(document, indent=1) + "\n", f"proof/{CHECKER}": checker}
 
 
-def _proved(card: ConstantGain, plant: Plant, design: Design) -> Iterator[tuple[Certificate, arb | None]]:
+def _proved(card: ConstantGain, question: Question, design: Design) -> Iterator[tuple[Certificate, arb | None]]:
     """Certificates that hold, and the bound of an error that each proves."""
-    question = card.question(replace(plant, sampling=design.sampling), design.gain, 0)
     for one in design.certificates:
         if one.method not in METHODS or card.letter in one.data:
             continue
@@ -88,6 +94,13 @@ def _proved(card: ConstantGain, plant: Plant, design: Design) -> Iterator[tuple[
         proof = None if stored is None else stored.method.prove(question)
         if proof is not None and proof.holds:
             yield one, proof.error
+
+
+def _tried(one: Certificate, bound: arb | None, question: Question) -> Iterable[dict[str, Any]]:
+    """How a certificate may be written; the first that the checker takes is."""
+    if one.method == "set":
+        return _sets(one, question.plant, question.gain("K"))
+    return _radii(one, question) if one.method == "spectral_radius" else [_certificate(one, bound)]
 
 
 def _holds(document: dict[str, Any], certificate: dict[str, Any]) -> bool:
@@ -203,10 +216,32 @@ def _sets(one: Certificate, plant: Plant, K: ExactMatrix) -> Iterator[dict[str, 
         fall = fall if space.dimension else Fraction(1, 2)
     else:
         S, T, Q = space.N, space.R @ jump, ExactMatrix(one.data["Q"]).balls()
-    written = {"S": _fractions(S), "T": _fractions(T), "Q": _upper(Q)}
     for steps, rho_squared in product(_STEPS, (fall, (1 + fall) / 2)):
-        data = written | {"steps": steps, "rho_squared": str(rho_squared)}
-        yield {"method": "set", "law": _law(one.sampling), "data": data}
+        yield _set(one, _fractions(S), _fractions(T), _upper(Q), rho_squared, steps)
+
+
+def _radii(one: Certificate, question: Question) -> Iterator[dict[str, Any]]:
+    """Of a linear loop with error map J exp(A T): a form that falls by less than the square of the spectral radius."""
+    import numpy as np
+    from scipy.linalg import expm, solve_discrete_lyapunov
+
+    maps = question.inclusion.phases_balls[0]
+    J, N = maps.jump, maps.jump.shape[0]
+    F = J.floats @ expm(maps.base.floats * float(one.sampling.T_max))
+    if N > _MOST_STATES or not np.all(np.isfinite(F)):
+        return
+    radius = float(max(abs(np.linalg.eigvals(F)))) ** 2
+    for share, steps in product(_SHARES, _STEPS[1:]):
+        fall = Fraction(radius + share * (1 - radius))
+        P = solve_discrete_lyapunov(F.T / np.sqrt(float(fall)), np.eye(N)) if fall < 1 else np.full((N, N), np.nan)
+        if np.all(np.isfinite(P)):
+            Q = [[str(Fraction(float(P[i, j]))) for j in range(i, N)] for i in range(N)]
+            yield _set(one, _fractions(Matrix.identity(N)), _fractions(J), Q, fall, steps)
+
+
+def _set(one: Certificate, S: Rows, T: Rows, Q: Rows, rho_squared: Fraction, steps: int) -> dict[str, Any]:
+    data = {"S": S, "T": T, "Q": Q, "steps": steps, "rho_squared": str(rho_squared)}
+    return {"method": "set", "law": _law(one.sampling), "data": data}
 
 
 def _chain(chain: dict[str, Any]) -> dict[str, Any]:

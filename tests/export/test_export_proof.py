@@ -80,6 +80,9 @@ SPECS = {
     "set_chain": of_plant(CHAIN, "[[1], [2.1], [1.6]]"),
     "set_feedforward": of_plant(FEEDFORWARD, "[[0.977], [0.707], [-0.106]]").replace("period: 0.6", "period: 1"),
     "set_linear": of_plant(LINEAR, "[[0.5], [0.3]]"),
+    "linear": of_plant(LINEAR, "[[0.5], [0.3]]").replace("method: set", "method: clock"),
+    "linear_held": of_plant(LINEAR, "[[0.5], [0.3]]").replace("reachability\n  method: set", "lpv_zoh")
+    .replace("{K:", "{L:"),
     "set_noisy": SET.replace("observer:", f"{BOUNDED}observer:"),
 }  # fmt: skip
 
@@ -110,7 +113,8 @@ def proof(name: str) -> Any:
         ("set", "samples 0.6 to 0.6 apart"), ("set_full", "set: the error decays"),
         ("set_chain", "set: the error decays"),
         ("set_feedforward", "set: the error decays"), ("set_linear", "set: the error decays"),
-        ("set_noisy", "set: the error decays"),
+        ("set_noisy", "set: the error decays"), ("linear", "set: the error decays"),
+        ("linear_held", "set: the error decays"),
     ],
 )  # fmt: skip
 def test_what_holds_is_told(name: str, told: str) -> None:
@@ -231,6 +235,15 @@ def sets() -> Iterator[tuple[str, str, Fault]]:
         yield name, "lost samples", law(T_max="6/5", lost=1)
         yield name, "lost by chance", law(probability="1/10")
         yield name, "maps of nothing", data(S=zeros, T=zeros, Q=[["1", "0"], ["1"]])
+    for name in ("linear", "linear_held"):
+        yield name, "gain", lambda d: scaled(d["gain"][0], 0, 9)
+        yield name, "unstable", lambda d: scaled(d["plant"]["A"][1], 0, -9)
+        yield name, "output", lambda d: scaled(d["plant"]["C"][0], 0, -9)
+        yield name, "slopes", plant(slopes=[{"part": [["0", "0"], ["1", "0"]], "lower": "-9", "upper": "9"}])
+        yield name, "a range of periods", law(T_min="1/2")
+        yield name, "faster fall", lambda d: scaled(of(d, "set")["data"], "rho_squared", "1/9")
+        yield name, "form of fewer states", lambda d: of(d, "set")["data"]["Q"].pop()
+        yield name, "taken for a chain", data(steps=0)
     bad = [["1"], ["-6/5"]]
     yield "set", "gain with its maps", lambda d: (d.update(gain=bad), data(T=[["6/5", "1"]])(d))
     yield "set_chain", "slope wider", slope(upper="30")
@@ -433,7 +446,16 @@ def test_the_slowest_fall_is_that_of_all_corners_of_the_box(name: str) -> None:
                 check(document)
 
 
-@pytest.mark.parametrize("name", ["set", "set_full", "set_chain", "set_feedforward", "set_linear"])
+SHIPPED = ("pendulum_set", "pendulum_printed_set", "pendulum_corrected", "feedforward")
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_the_sets_of_shipped_specs_are_verified(name: str) -> None:
+    SPECS[name] = (ROOT / f"specs/reachability_{name}.yaml").read_text()
+    assert any(told.startswith("set: the error decays") for told in check(proof(name)))
+
+
+@pytest.mark.parametrize("name", ["set", "set_full", "set_chain", "set_feedforward", "set_linear", "linear"])
 def test_the_fall_is_that_of_random_slopes(name: str) -> None:
     document, rng = proof(name), np.random.default_rng(1)
     plant, one = document["plant"], of(document, "set")
