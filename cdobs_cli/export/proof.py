@@ -34,7 +34,7 @@ METHODS = ("clock", "set", "spectral_radius", "mean_square", "peak")
 _KINDS = {"reachability": ("corrected", "K"), "lpv_zoh": ("held", "L")}
 # Of the box of transitions: that of a chain of integrators, the exponential, or of so many steps, which is wider.
 _STEPS = (0, 1, 16, 256)
-_MOST_STATES = 6  # of a linear loop, whose box has 2^(2 n - 1) members that count
+_MOST_STATES = 6  # of a box, of whose members 2^(2 n - 1) count
 _SHARES = (1 / 16, 1 / 2)  # of what lies between the square of the spectral radius and 1
 _ROOM = Fraction(1, 10**9)  # by which a stated bound is above the certificate's own, which roots and decimals round
 
@@ -80,7 +80,10 @@ def proof_files(about: About, card: Family, plant: Plant, design: Design) -> dic
     except _NoFractionError as error:
         raise UsageError(f"a proof holds fractions only: {error}") from error
     if not document["certificates"]:
-        raise UsageError("the matrices that the checker finds by itself, in short steps, are too many for this period")
+        raise UsageError(
+            "the matrices that the checker finds by itself, in short steps, are too many for this period, or there are "
+            f"more than {_MOST_STATES} states"
+        )
     checker = files(__package__).joinpath(CHECKER).read_text(encoding="utf-8")
     return {"proof/proof.json": json.dumps(document, indent=1) + "\n", f"proof/{CHECKER}": checker}
 
@@ -99,7 +102,7 @@ def _proved(card: ConstantGain, question: Question, design: Design) -> Iterator[
 def _tried(one: Certificate, bound: arb | None, question: Question) -> Iterable[dict[str, Any]]:
     """How a certificate may be written; the first that the checker takes is."""
     if one.method == "set":
-        return _sets(one, question.plant, question.gain("K"))
+        return _sets(one, question.plant, question.gain("K")) if question.plant.n <= _MOST_STATES else []
     return _radii(one, question) if one.method == "spectral_radius" else [_certificate(one, bound)]
 
 

@@ -245,7 +245,14 @@ def sets() -> Iterator[tuple[str, str, Fault]]:
         yield name, "form of fewer states", lambda d: of(d, "set")["data"]["Q"].pop()
         yield name, "taken for a chain", data(steps=0)
     bad = [["1"], ["-6/5"]]
-    yield "set", "gain with its maps", lambda d: (d.update(gain=bad), data(T=[["6/5", "1"]])(d))
+    maps, below = data(T=[["6/5", "1"]]), data(Q=[["-1"]], rho_squared="1/2")
+
+    def alone(d: Any) -> None:
+        d.update(gain=bad, certificates=[of(d, "set")])
+        maps(d)
+
+    yield "set", "gain with its maps", alone
+    yield "set", "form below 0 that falls", lambda d: (alone(d), below(d))
     yield "set_chain", "slope wider", slope(upper="30")
     yield "set_feedforward", "slope wider", slope(upper="3")
     yield "set_feedforward", "taken for a chain", data(steps=0)
@@ -264,6 +271,41 @@ def test_planted_faults_are_found(name: str, what: str, plant: Fault) -> None:
     assert document != before
     with pytest.raises(RefusedError):
         check(document)
+
+
+SCALAR: Any = {
+    "schema_version": 1, "observer": "corrected", "gain": [["0"]],
+    "plant": {
+        "states": ["x"], "A": [["1"]], "C": [["1"]], "slopes": [], "outputs": [], "disturbance": ["0"], "noise": ["0"],
+        "intensity": [["0"]], "covariance": [["0"]],
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("A", "P", "inverse", "told"),
+    [
+        ("-1", ["1", "1"], "1", None), ("1", ["-1", "-1"], "1", r"P\(0\) is not positive definite"),
+        ("1", ["2", "1"], "0", "a basis that is none"), ("1", ["2", "1"], "1", "not positive definite"),
+    ],
+)  # fmt: skip
+def test_an_unstable_state_that_is_not_corrected_is_refused(A: str, P: Any, inverse: str, told: str | None) -> None:
+    law = {"T_min": "1/10", "T_max": "1/10", "lost": 0, "probability": "0"}
+    data: Any = {"degrees": [1, 2], "pieces": [1, 0], "sigma": "0", "basis": [["1"]], "inverse": [[inverse]]}
+    data["P"] = [[[value]] for value in P]
+    document = copy.deepcopy(SCALAR) | {"certificates": [{"method": "clock", "law": law, "data": data}]}
+    document["plant"]["A"] = [[A]]
+    if told is None:
+        assert check(document)
+    else:
+        with pytest.raises(RefusedError, match=told):
+            check(document)
+
+
+def test_what_the_series_leaves_out_is_held(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cdobs_cli.export.check_proof.FINE", 24)  # 1 + 1 + 1/2 + 1/6 + 1/24 are not rounded
+    box = reduce(Matrix.__add__, series(Matrix([[Interval(Fraction(1))]]))).rows[0][0]
+    assert box.low <= Fraction(271828, 100000) and box.high >= Fraction(271829, 100000)
 
 
 def test_the_checker_stands_alone() -> None:
