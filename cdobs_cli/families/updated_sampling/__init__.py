@@ -140,6 +140,10 @@ class UpdatedSampling(Family):
     reset: bool = Field(
         default=False, description="Of method carried: whether Pi starts anew at each sample, from the least it may be."
     )
+    read: Literal["all", "one"] = Field(
+        default="all",
+        description="Of method carried: whether a sample reads all outputs, or one of them, which Pi chooses.",
+    )
     error_at_most: dict[str, PositiveNumber] | None = Field(
         default=None,
         description="Of method carried, state: the largest proved error; the longest time between samples that keeps "

@@ -65,8 +65,8 @@ def problems(family: UpdatedSampling, plant: Plant) -> list[Problem]:
 
 def only_of_carried(family: UpdatedSampling) -> Iterator[Problem]:
     """Options that have no meaning without a certificate that is carried along."""
-    for name in ("rule", "budget", "reset", "error_at_most", "law"):
-        if getattr(family, name) not in (None, False):
+    for name in ("rule", "budget", "reset", "read", "error_at_most", "law"):
+        if getattr(family, name) not in (None, False, "all"):
             yield Problem(("observer", name), "is of method carried", hint="write method: carried, or leave it out")
     if family.objective == "min_error":
         what, hint = "the theorems have no bound of the error under noise", "method: carried does"

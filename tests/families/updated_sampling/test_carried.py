@@ -17,7 +17,7 @@ from cdobs_cli.certificate import Check
 from cdobs_cli.design import Design
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.families.updated_sampling import UpdatedSampling
-from cdobs_cli.families.updated_sampling.carried.exhibits import FLOOR, INTEGRAL, reasons
+from cdobs_cli.families.updated_sampling.carried.exhibits import FLOOR, INTEGRAL, reads, reasons
 from cdobs_cli.families.updated_sampling.carried.law import (
     Law,
     after_sample,
@@ -121,6 +121,13 @@ class Rule:
         self.F, self.split, self.Lambda = law.F.floats, law.split.floats, np.diag(law.Lambda.floats[0])
         self.T_min, self.theta, self.idle = (float(one) for one in (law.T_min, law.theta, law.idle))
 
+    def gain(self, Pi: Array) -> Array:
+        """C'Lambda C of what is read; of one output that with the largest det(Pi + it - F)."""
+        if not self.law.one:
+            return np.array(self.C.T @ self.Lambda @ self.C)
+        each = [weight * np.outer(row, row) for row, weight in zip(self.C, np.diag(self.Lambda), strict=True)]
+        return each[int(np.argmax([np.linalg.det(Pi + one - self.F) for one in each]))]
+
     def slope(self, Pi: Array, c: float) -> Array:
         n = len(Pi)
         total = -Pi @ self.A - self.A.T @ Pi
@@ -137,7 +144,7 @@ class Rule:
         self, c: Callable[[float], float], breaks: list[float], horizon: float
     ) -> Iterator[tuple[float, Array, Array]]:
         """(t, Pi before, Pi after) at each sample, and Pi in between as (t, Pi, Pi)."""
-        n, t, Pi = len(self.F), 0.0, self.F + self.C.T @ self.Lambda @ self.C
+        n, t, Pi = len(self.F), 0.0, self.F + self.gain(self.F)
         last = 0.0
 
         def due(s: float, y: Array) -> float:
@@ -159,7 +166,7 @@ class Rule:
             t, Pi = float(solved.t[-1]), solved.y[:, -1].reshape(n, n)
             if solved.status == 1:
                 before = Pi
-                Pi = (self.F if self.law.reset else Pi) + self.C.T @ self.Lambda @ self.C
+                Pi = (self.F if self.law.reset else Pi) + self.gain(Pi)
                 last = t
                 yield t, before, Pi
 
@@ -171,11 +178,18 @@ def _bang_bang(draw: np.random.Generator, most: float, horizon: float) -> tuple[
     return lambda t: float(levels[np.searchsorted(breaks, t)]), breaks
 
 
+# Two outputs, each of which is enough by itself.
+TWO = replace(
+    burst(), C=ExactMatrix([["1", "0"], ["1", "0.5"]]),
+    noise=Box((Exact("-0.01"), Exact("-0.02")), (Exact("0.01"), Exact("0.02"))),
+)  # fmt: skip
+
 CASES = {
     "budget": (PLANT, {**BUDGETED, "law": {"idle": "0.2"}}),
     "reset": (PLANT, {**BUDGETED, "reset": True}),
     "longest": (PLANT, {}),
     "third order": (third_order(), {"objective": "min_error", "budget": 4}),
+    "one of two": (TWO, {**BUDGETED, "read": "one"}),
 }
 
 
@@ -183,7 +197,7 @@ CASES = {
 def test_no_switching_of_c_brings_pi_below_its_floor(case: str) -> None:
     plant, options = CASES[case]
     _, check, law = designed(options, plant)
-    largest = LARGEST if plant is PLANT else {(1, 1): Fraction(3, 10), (2, 0): Fraction(2)}
+    largest = LARGEST if plant.n == 2 else {(1, 1): Fraction(3, 10), (2, 0): Fraction(2)}
     proved = floor(plant, law, largest)
     assert check.verdict == "proved" and proved.share is not None
     rule, root = Rule(plant, law, largest), np.linalg.inv(np.linalg.cholesky(law.F.floats))
@@ -564,3 +578,36 @@ def test_the_plant_need_not_be_a_chain_but_its_outputs_are_linear() -> None:
 
 def test_after_a_sample_pi_has_what_was_read() -> None:
     assert after_sample([[1, 2], [2, 5]], [[1, 0], [1, 1]], [3, 4]) == [[8, 6], [6, 9]]
+
+
+def test_one_output_is_read_at_a_sample_and_both_have_their_turn() -> None:
+    options = {**BUDGETED, "read": "one"}
+    family, (design, check, law) = card(**options), designed(options, TWO)
+    assert check.verdict == "proved" and law.one
+    observer = family.observer(TWO, design)
+    signals = {**_plan("0.2 + 9.8*max(0, sin(0.5*t))**8").signals}
+    signals["v.1"] = signals["v.0"]
+    plan = replace(_plan("1", horizon="12"), signals=signals)
+    run = simulate(HybridSystem(TWO, observer), plan, TWO.sampling)
+    told = reads(law, run.trajectories[0])
+    assert set(told) == {"output 1 read", "output 2 read"}
+    # What the sample adds is of rank one, and that of the output told.
+    first = run.trajectories[0]
+    for sample, which in zip(first.t_k[1:8], told, strict=False):
+        before, after = (np.searchsorted(first.t, sample, side=side) for side in ("left", "right"))
+        added = [
+            first.internals[name][after - 1] - first.internals[name][before] for name in ("Pi_11", "Pi_12", "Pi_22")
+        ]
+        k = int(which.split()[1]) - 1
+        row, weight = TWO.C.floats[k], float(law.Lambda[0, k])
+        expected = weight * np.array([row[0] ** 2, row[0] * row[1], row[1] ** 2])
+        assert np.array(added) == pytest.approx(expected, rel=1e-6, abs=1e-6 * weight)
+    assert run.overall.rmse_after_transient["x1"] < float(check.bounds["error.x1"].proved or 0)
+
+
+def test_an_output_that_is_not_enough_by_itself_leaves_no_choice() -> None:
+    blind = replace(TWO, C=ExactMatrix([["1", "0"], ["0", "1"]]))
+    assert card(**BUDGETED).synthesize(blind, 0).outcome == "found"
+    assert card(**BUDGETED, read="one").synthesize(blind, 0).outcome == "none"
+    told = [str(one.field) for one in problems(card(**BUDGETED, read="one"), PLANT)]
+    assert told == ["('observer', 'read')"]

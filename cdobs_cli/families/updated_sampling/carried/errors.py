@@ -15,8 +15,9 @@ over time is at most (tr(Lambda R) / T_min + sum_i d_i^2 / gamma_i) / (s zeta la
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
+from functools import reduce
 
 from flint import arb
 
@@ -54,17 +55,18 @@ def _slowest(law: Law) -> arb:
     return 2 * arb(law.sigma.scalar) * arb(law.idle.scalar)
 
 
-def _weights(law: Law) -> list[arb]:
-    return [arb(one.scalar) for one in law.Lambda.rows[0]]
+def _of_sample(law: Law, squares: Sequence[arb]) -> arb:
+    """The most that a sample adds: sum_k Lambda_k v_k^2 over what is read."""
+    sums = (sum((arb(one.scalar) * square for one, square in zip(weights, squares, strict=True)), arb(0))
+            for weights in law.readings)  # fmt: skip
+    return reduce(arb.max, sums)
 
 
 def _peaks(plant: Plant, law: Law, largest: Mapping[Entry, Fraction], share: Fraction, steady: arb) -> list[arb]:
     """The largest error of each state, by trying how little more than that at samples holds between them."""
     s, T = _slowest(law), arb(law.T_min.scalar)
     sizes = [arb(0)] * plant.p if plant.noise is None else [arb(size) for size in plant.noise.sizes]
-    N = sum((weight * size**2 for weight, size in zip(_weights(law), sizes, strict=True)), arb(0)) / (
-        1 - (-s * T).exp()
-    )
+    N = _of_sample(law, [size**2 for size in sizes]) / (1 - (-s * T).exp())
     D = steady / s
     W = N * (-s * T).exp() + D
     inverse = law.F.balls().inverse().balls()
@@ -88,7 +90,7 @@ def _peaks(plant: Plant, law: Law, largest: Mapping[Entry, Fraction], share: Fra
 
 def _mean_square(plant: Plant, law: Law, share: Fraction, steady: arb) -> dict[str, Bound]:
     assert plant.covariance is not None
-    noise = sum((arb(plant.covariance[k, k].scalar) * one for k, one in enumerate(_weights(law))), arb(0))
+    noise = _of_sample(law, [arb(plant.covariance[k, k].scalar) for k in range(plant.p)])
     low = arb(eigenvalue_range(law.F.balls(), smallest=True).low) * fraction_ball(share)
     if not low > 0:
         return {}

@@ -35,7 +35,9 @@ def exhibits(family: UpdatedSampling, plant: Plant, design: Design, check: Check
         return Exhibits((), tuple(tables))
     first = run.trajectories[0]
     told = reasons(law, first)
-    return Exhibits((_periods(first, law, told), _pi(plant, law, first)), (*tables, _counts(told)))
+    return Exhibits(
+        (_periods(first, law, told), _pi(plant, law, first)), (*tables, _counts([*told, *reads(law, first)]))
+    )
 
 
 def reasons(law: Law, run: Trajectory) -> list[str]:
@@ -93,6 +95,7 @@ def _law_table(law: Law) -> Table:
         ("sigma, theta, idle", f"{law.sigma}, {law.theta}, {law.idle}"),
         ("T_min, kappa", f"{law.T_min}, {'none' if law.kappa is None else law.kappa}"),
         ("Pi after a sample", "F + C'Lambda C (reset)" if law.reset else "Pi + C'Lambda C"),
+        ("at a sample", "one output is read, the one that takes Pi furthest from F" if law.one else "all are read"),
     ]
     caption = "The constants of the Riccati equation that the observer integrates beside its estimate."
     return Table("law", "Law of the carried certificate", caption, ("constant", "value"), tuple(rows))
@@ -102,8 +105,17 @@ def _rows(texts: list[list[str]]) -> str:
     return "[" + ", ".join("[" + ", ".join(row) + "]" for row in texts) + "]"
 
 
+def reads(law: Law, run: Trajectory) -> list[str]:
+    """Which output each sample after the one at 0 read, where one is chosen."""
+    if not law.one:
+        return []
+    before = np.searchsorted(run.t, run.t_k[1:], side="left").clip(max=len(run.t) - 1)
+    return [f"output {round(float(run.internals['read'][at]))} read" for at in before]
+
+
 def _counts(told: list[str]) -> Table:
-    rows = tuple((reason, str(told.count(reason))) for reason in (FLOOR, INTEGRAL, REST))
+    chosen = sorted(set(told) - {FLOOR, INTEGRAL, REST})
+    rows = tuple((reason, str(told.count(reason))) for reason in (FLOOR, INTEGRAL, REST, *chosen))
     return Table(
         "reasons", "Why samples were taken", "Of the first run, after the one at 0.", ("reason", "samples"), rows
     )

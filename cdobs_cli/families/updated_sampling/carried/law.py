@@ -21,6 +21,7 @@ from cdobs_cli.plant import Entry
 LAW = "law"  # the entry of a design's `details`
 MATRICES = ("F", "split", "Lambda", "gamma")
 NUMBERS = ("sigma", "theta", "idle", "T_min", "epsilon")
+CHOICES = ("reset", "one")
 Table = list[list[Any]]
 
 
@@ -32,6 +33,7 @@ class Law:
     each output. gamma (1, n): of each disturbance. sigma: the rate of decay at the largest c, 1 / time; theta, idle:
     how l and r follow c. T_min: no sample comes sooner. epsilon: a sample is due when det(Pi - F) <= epsilon det F.
     kappa: or when the integral of r since the last one reaches it; None: only then. reset: Pi+ = F + C'Lambda C.
+    one: at a sample one output is read, which of them Pi says; Lambda has its weight alone then.
     """
 
     F: ExactMatrix
@@ -45,22 +47,24 @@ class Law:
     epsilon: Exact
     kappa: Exact | None
     reset: bool
+    one: bool
 
     def document(self) -> dict[str, Any]:
         """As a design keeps it."""
         told: dict[str, Any] = {name: getattr(self, name).texts() for name in MATRICES}
         told |= {name: str(getattr(self, name)) for name in NUMBERS}
-        return told | {"kappa": None if self.kappa is None else str(self.kappa), "reset": self.reset}
+        return told | {"kappa": None if self.kappa is None else str(self.kappa), "reset": self.reset, "one": self.one}
 
     @staticmethod
     def read(document: Mapping[str, Any]) -> Law:
         """Raises: KeyError, TypeError, ValueError, ExpressionError on anything `document` did not write."""
-        if set(document) != {*MATRICES, *NUMBERS, "kappa", "reset"} or not isinstance(document["reset"], bool):
+        known = {*MATRICES, *NUMBERS, "kappa", *CHOICES}
+        if set(document) != known or not all(isinstance(document[name], bool) for name in CHOICES):
             raise ValueError("no law of a carried certificate")
         kappa = document["kappa"]
         parts: dict[str, Any] = {name: ExactMatrix.from_document(document[name]) for name in MATRICES}
         parts |= {name: Exact(document[name]) for name in NUMBERS}
-        return Law(**parts, kappa=None if kappa is None else Exact(kappa), reset=document["reset"])
+        return Law(**parts, kappa=None if kappa is None else Exact(kappa), reset=document["reset"], one=document["one"])
 
     def fits(self, n: int, p: int, entries: Sequence[Entry]) -> bool:
         """Whether shapes and signs are what the proof takes for granted: F symmetric, l > 0 at the slopes, Lambda > 0,
@@ -82,6 +86,16 @@ class Law:
             and (self.theta - one).sign() == -1
             and self.idle.is_at_most(one)
         )
+
+    @property
+    def readings(self) -> tuple[tuple[Exact, ...], ...]:
+        """The weights of the outputs at a sample, of each choice that there is."""
+        weights = self.Lambda.rows[0]
+        if not self.one:
+            return (tuple(weights),)
+        zero = Exact(0)
+        return tuple(tuple(one if k == chosen else zero for k, one in enumerate(weights))
+                     for chosen in range(len(weights)))  # fmt: skip
 
     @property
     def exponents(self) -> tuple[Fraction, Fraction]:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
-from cdobs_cli.exact.expression import ZERO, Expression, Number, Variable, call, power
+from cdobs_cli.exact.expression import ONE, ZERO, Expression, Number, Variable, call, power
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.families.updated_sampling.carried.law import (
     Law,
@@ -32,8 +32,9 @@ def observer(plant: Plant, law: Law, rate: Rate, largest: Mapping[Entry, Fractio
 
         x_hat+ = x_hat + K (y - C x_hat),  K = (Pi + C'Lambda C)^-1 C'Lambda,  Pi+ = Pi + C'Lambda C
 
-    (with `reset` Pi+ = F + C'Lambda C). Pi(0) = F, and the sample at 0 is used. The next sample is due when T_min is
-    over and det(Pi - F) has come down to epsilon det F, or the integral of r since the last one up to kappa.
+    (with `reset` Pi+ = F + C'Lambda C; with `one` Lambda is that of one output alone). Pi(0) = F, and the sample at 0
+    is used. The next sample is due when T_min is over and det(Pi - F) has come down to epsilon det F, or the integral
+    of r since the last one up to kappa.
     """
     n, hat = plant.n, tuple(HAT + name for name in plant.states)
     inside = plant.clipped(HAT)
@@ -45,7 +46,9 @@ def observer(plant: Plant, law: Law, rate: Rate, largest: Mapping[Entry, Fractio
     Pi: Table = [[Variable(name) for name in row] for row in names]
     F, C = _table(law.F), _table(plant.C)
     r = _clock(law, q)
-    weights = [one.expression for one in law.Lambda.rows[0]]
+    M = _distance(Pi, law)
+    chosen = _choice(M, C, law)
+    weights = [one.expression * share for one, share in zip(law.Lambda.rows[0], chosen, strict=True)]
     read = after_sample(Pi, C, weights)
     K = solve(read, [[C[k][i] * weights[k] for k in range(plant.p)] for i in range(n)], lambda a, b: a / b)
     kept = after_sample(F, C, weights) if law.reset else read
@@ -54,7 +57,7 @@ def observer(plant: Plant, law: Law, rate: Rate, largest: Mapping[Entry, Fractio
         sum((K[i][k] * innovation[k] for k in range(plant.p)), Variable(hat[i])) for i in range(n)
     ]  # fmt: skip
     flow = riccati(Pi, _table(plant.A), *_strengths(plant, law, largest, q), Number(2) * law.sigma.expression * r)
-    margin, seen = _margin(Pi, law), {names[i][j].removeprefix("gain."): Pi[i][j] for i, j in upper}
+    margin, seen = _margin(M, law), {names[i][j].removeprefix("gain."): Pi[i][j] for i, j in upper}
     return Observer(
         states=(*hat, *(names[i][j] for i, j in upper), CLOCK),
         start=(*(Variable(f"initial.{name}") for name in plant.states), *(F[i][j] for i, j in upper), ZERO),
@@ -62,7 +65,7 @@ def observer(plant: Plant, law: Law, rate: Rate, largest: Mapping[Entry, Fractio
         jump=(*corrected, *(kept[i][j] for i, j in upper), ZERO),
         estimates={"x_hat": tuple(Variable(name) for name in hat)},
         trigger=_trigger(law, margin),
-        internals={**seen, "c": c, "margin": margin},
+        internals={**seen, "c": c, "margin": margin, **({"read": _number(chosen)} if law.one else {})},
     )  # fmt: skip
 
 
@@ -93,12 +96,41 @@ def _strengths(
     return strengths(plant.n, cl, c_over_l, [one.expression for one in law.gamma.rows[0]], ZERO)
 
 
-def _margin(Pi: Table, law: Law) -> Expression:
-    """det(Pi - F) / det F - epsilon: above 0 between T_min and the next sample."""
+def _distance(Pi: Table, law: Law) -> Table:
+    """Pi - F."""
     F = _table(law.F)
-    distance = [[Pi[i][j] - F[i][j] for j in range(len(F))] for i in range(len(F))]
-    inside: Expression = determinant(distance) / determinant(F)
+    return [[Pi[i][j] - F[i][j] for j in range(len(F))] for i in range(len(F))]
+
+
+def _margin(M: Table, law: Law) -> Expression:
+    """det(Pi - F) / det F - epsilon: above 0 between T_min and the next sample."""
+    inside: Expression = determinant(M) / determinant(_table(law.F))
     return inside - law.epsilon.expression
+
+
+def _choice(M: Table, C: Table, law: Law) -> list[Expression]:
+    """1 for an output that is read, else 0. Of `one` that whose reading makes det(Pi - F) largest, the first of equal
+    ones: near the floor Pi - F is small in one direction, and what sees most of that is read."""
+    weights = [one.expression for one in law.Lambda.rows[0]]
+    if not law.one:
+        return [ONE] * len(weights)
+    scores = [determinant(after_sample(M, [row], [weight])) for row, weight in zip(C, weights, strict=True)]
+    return [_is_best(k, scores) for k in range(len(scores))]
+
+
+def _is_best(k: int, scores: Sequence[Expression]) -> Expression:
+    chosen: Expression = ONE
+    for j, other in enumerate(scores):
+        if j < k:  # more than those before
+            chosen = chosen * call("max", ZERO, call("sign", scores[k] - other))
+        elif j > k:  # as much as those behind
+            chosen = chosen * (ONE - call("max", ZERO, call("sign", other - scores[k])))
+    return chosen
+
+
+def _number(chosen: Sequence[Expression]) -> Expression:
+    """Of the output that is read, from 1."""
+    return sum((Number(k) * one for k, one in enumerate(chosen, start=1)), ZERO)
 
 
 def _trigger(law: Law, margin: Expression) -> Expression:

@@ -1,7 +1,8 @@
 """The floor of a carried Pi, proved in balls from the law as it runs and the plant as typed.
 
-At a sample Pi+ >= F + C'Lambda C. Up to T_min Pi(t; c) >= Pi(t; cbar), the solution from F + C'Lambda C at the largest
-slopes: B, Q and r rise with c, whatever c does, and Riccati equations are ordered by them. If Pi(t; cbar) >= zeta F
+At a sample Pi+ >= F + C'Lambda C, with the Lambda of whichever output is read where one is chosen. Up to T_min
+Pi(t; c) >= Pi(t; cbar), the solution from there at the largest slopes: B, Q and r rise with c, whatever c does, and
+Riccati equations are ordered by them. If Pi(t; cbar) >= zeta F
 on [0, T_min], and Pi - F > 0 with det(Pi - F) > epsilon det F at T_min, then Pi >= zeta F there, the next sample is
 not due yet, and until it is Pi - F keeps its sign. At the sample Pi >= F, and so on: no sample comes before T_min.
 """
@@ -22,6 +23,7 @@ from cdobs_cli.certify.ball import determinant as ball_determinant
 from cdobs_cli.certify.definite import has_positive_pivots
 from cdobs_cli.certify.taylor import exponential
 from cdobs_cli.exact.matrix import Matrix, symmetric
+from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.families.updated_sampling.carried.law import Law, after_sample, hamiltonian, strengths
 from cdobs_cli.plant import Entry, Plant
 
@@ -54,10 +56,11 @@ def floor(plant: Plant, law: Law, largest: Mapping[Entry, Fraction]) -> Floor:
     F = law.F.balls()
     if not has_positive_pivots(F):
         return Floor(True)
-    flow = _Flow.of(plant, law, largest)
-    F = flow.scaled(F)
-    kept = _is_kept(flow.at_end(), F, law)
-    share = next((one for one in SHARES if flow.stays_above(_always(F * one))), None) if kept else None
+    flows = _Flow.each(plant, law, largest)
+    F = flows[0].scaled(F)
+    kept = all(_is_kept(flow.at_end(), F, law) for flow in flows)
+    shares = (one for one in SHARES if all(flow.stays_above(_always(F * one)) for flow in flows))
+    share = next(shares, None) if kept else None
     return Floor(True, True, share, kept)
 
 
@@ -65,9 +68,9 @@ def keeps_inverse(
     plant: Plant, law: Law, largest: Mapping[Entry, Fraction], i: int, limit: Callable[[Fraction], arb]
 ) -> bool:
     """Whether (Pi(t; cbar)^-1)_ii < limit(t) on [0, T_min], for a limit that does not fall: Pi > e_i e_i' / limit."""
-    flow, n = _Flow.of(plant, law, largest), plant.n
-    unit = flow.scaled(Matrix.diagonal([int(k == i) for k in range(n)]))
-    return flow.stays_above(lambda t: unit.balls() / limit(t))
+    flows, n = _Flow.each(plant, law, largest), plant.n
+    unit = flows[0].scaled(Matrix.diagonal([int(k == i) for k in range(n)]))
+    return all(flow.stays_above(lambda t: unit.balls() / limit(t)) for flow in flows)
 
 
 def _always(G: Matrix) -> Callable[[Fraction], Matrix]:
@@ -84,9 +87,15 @@ class _Flow:
     T: Fraction
 
     @staticmethod
-    def of(plant: Plant, law: Law, largest: Mapping[Entry, Fraction]) -> _Flow:
+    def each(plant: Plant, law: Law, largest: Mapping[Entry, Fraction]) -> list[_Flow]:
+        """From what each choice of outputs leaves."""
+        return [_Flow.of(plant, law, largest, weights) for weights in law.readings]
+
+    @staticmethod
+    def of(plant: Plant, law: Law, largest: Mapping[Entry, Fraction], weights: Sequence[Exact]) -> _Flow:
         F = law.F.balls()
-        first = Matrix.from_rows(after_sample(F.tolist(), plant.C.balls().tolist(), _weights(law)))
+        scalars = [one.scalar for one in weights]
+        first = Matrix.from_rows(after_sample(F.tolist(), plant.C.balls().tolist(), scalars))
         to, back = _scales(F)
         whole = _stacked_diagonal(to, back)
         H = whole @ _hamiltonian(plant, law, largest) @ whole.inverse()
@@ -132,10 +141,6 @@ def _stacked_diagonal(top: Matrix, low: Matrix) -> Matrix:
     n = top.shape[0]
     entries = [one[i, i] for one in (top, low) for i in range(n)]
     return Matrix.diagonal(entries)
-
-
-def _weights(law: Law) -> list[fmpq]:
-    return [one.scalar for one in law.Lambda.rows[0]]
 
 
 def _hamiltonian(plant: Plant, law: Law, largest: Mapping[Entry, Fraction]) -> Matrix:

@@ -29,13 +29,15 @@ _ROOM = 100.0  # times epsilon
 _LOWEST = 0.05  # of F, down to which Pi may dip on the way to T_min
 _STEP = 0.4  # of the first simplex, in logarithms
 SHARES = (0.999, 0.99, 0.97, 0.93, 0.85, 0.7)
+LOWER = (0.5, 0.35, 0.2)  # shares of the mean of several choices
 
 
 @dataclass(frozen=True)
 class Target:
     """What a law is for, in floats. A (n, n), C (p, n); cbar_ij; v, d: the largest noise of each output (1 where none
     is declared) and disturbance of each state; weights: Lambda, V in units of the noise unless it is typed; split and
-    sigma where they are typed; share: of the largest F that there is."""
+    sigma where they are typed; share: of the largest F that there is; one: whether a sample reads one
+    output alone."""
 
     A: Array
     C: Array
@@ -48,6 +50,13 @@ class Target:
     sigma: float | None
     epsilon: float
     share: float
+    one: bool = False
+
+    @property
+    def gains(self) -> list[Array]:
+        """C'Lambda C of each choice of outputs."""
+        rows = [[k] for k in range(len(self.C))] if self.one else [list(range(len(self.C)))]
+        return [self.C[row].T @ np.diag(self.weights[row]) @ self.C[row] for row in rows]
 
     @staticmethod
     def of(
@@ -59,6 +68,7 @@ class Target:
         split: ExactMatrix | None = None,
         sigma: Exact | None = None,
         share: Exact | None = None,
+        one: bool = False,
     ) -> Target:
         d = np.array([0.0] * plant.n if plant.disturbance is None else plant.disturbance.float_sizes)
         v = _noise(plant)
@@ -67,7 +77,7 @@ class Target:
         own = 1 / v**2 if Lambda is None else Lambda.floats[0]
         return Target(
             plant.A.floats, plant.C.floats, floats, v, d, float(idle), own, typed,
-            None if sigma is None else float(sigma), float(epsilon), 1.0 if share is None else float(share),
+            None if sigma is None else float(sigma), float(epsilon), 1.0 if share is None else float(share), one,
         )  # fmt: skip
 
     @property
@@ -163,34 +173,52 @@ def _path(H: Array, first: Array, T: float) -> list[Array] | None:
 def candidate(target: Target, T: float, logs: Array) -> Candidate | None:
     """The law of these constants, with F a little below the fixed point; None where there is none."""
     split, sigma, gamma = _parts(target, logs)
-    CWC = target.C.T @ np.diag(target.weights) @ target.C
-    periodic = fixed_point(_matrix(target, split, sigma * SLACK, gamma), CWC / SLACK, T)
-    if periodic is None:
-        return None
-    top = periodic - CWC / SLACK
-    try:
-        np.linalg.cholesky(top)
-    except LinAlgError:
+    top = _top(target, _matrix(target, split, sigma * SLACK, gamma), T)
+    if top is None:
         return None
     H = _matrix(target, split, sigma, gamma)
-    for share in SHARES:
+    for share in (*SHARES, *(LOWER if target.one else ())):
         F = target.share * share * top
-        path = _path(H, F + CWC, T)
-        if path is None:
-            continue
-        root = np.linalg.inv(np.linalg.cholesky(F))
-        levels = [float(np.linalg.eigvalsh(root @ Pi @ root.T)[0]) for Pi in path]
-        # det(Pi - F) / det F at T_min is well above where a sample is due.
-        above = np.linalg.eigvalsh(root @ path[-1] @ root.T) - 1
-        if above[0] > 0 and np.prod(above) > _ROOM * target.epsilon and min(levels) > _LOWEST:
-            return Candidate(F, split, gamma, sigma, T, _errors(target, [*path, F], sigma, T, gamma))
+        paths = [_path(H, F + CWC, T) for CWC in target.gains]
+        if all(path is not None and _is_above(path, F, target.epsilon) for path in paths):
+            errors = [_errors(target, [*path, F], sigma, T, gamma) for path in paths if path is not None]
+            return Candidate(F, split, gamma, sigma, T, np.max(errors, axis=0))
     return None
+
+
+def _top(target: Target, H: Array, T: float) -> Array | None:
+    """About the largest F: below the fixed point; of several choices of outputs the harmonic mean, which is near each
+    of them in its own weak directions."""
+    tops = []
+    for CWC in target.gains:
+        periodic = fixed_point(H, CWC / SLACK, T)
+        if periodic is None:
+            return None
+        tops.append(periodic - CWC / SLACK)
+    try:
+        for one in tops:
+            np.linalg.cholesky(one)
+        if len(tops) == 1:
+            return tops[0]
+        mean: Array = np.linalg.inv(np.mean([np.linalg.inv(one) for one in tops], axis=0)).astype(np.float64)
+    except LinAlgError:
+        return None
+    return mean
+
+
+def _is_above(path: list[Array], F: Array, epsilon: float) -> bool:
+    """Whether Pi stays in sight of F, and det(Pi - F) / det F at T_min is well above where a sample is due."""
+    root = np.linalg.inv(np.linalg.cholesky(F))
+    levels = [float(np.linalg.eigvalsh(root @ Pi @ root.T)[0]) for Pi in path]
+    above = np.linalg.eigvalsh(root @ path[-1] @ root.T) - 1
+    return bool(above[0] > 0 and np.prod(above) > _ROOM * epsilon and min(levels) > _LOWEST)
 
 
 def _errors(target: Target, path: list[Array], sigma: float, T: float, gamma: Array) -> Array:
     """What is left of each state's error: `errors` in floats, at the times of the path and at T with F, its last."""
     slowest = 2 * sigma * target.idle
-    noise = float((target.weights * target.v**2).sum()) / -np.expm1(-slowest * T)
+    sample = target.weights * target.v**2
+    noise = float(sample.max() if target.one else sample.sum()) / -np.expm1(-slowest * T)
     steady = sum((d**2 / g for d, g in zip(target.d, gamma, strict=True) if d > 0), 0.0) / slowest
     times = [*np.linspace(0, T, len(path) - 1), T]
     squares = [
@@ -269,9 +297,10 @@ def longest(exists: Callable[[float], bool], least: float, most: float, rounds: 
 def rounded(found: Candidate, target: Target, share: float) -> Law:
     """A law in decimals with a share of F; what a spec has its say in is left to the caller."""
     weights = [float(weight) for weight in target.weights]
+    later = Exact(1)
     return Law(
         ExactMatrix.from_floats(share * (found.F + found.F.T) / 2, _DIGITS), ExactMatrix.from_floats(found.split, 6),
         ExactMatrix.from_floats([weights], 6), ExactMatrix.from_floats([list(found.gamma)], 6),
-        sigma=Exact(decimal_text(found.sigma, 6)), **dict.fromkeys(("theta", "idle", "T_min", "epsilon"), Exact(1)),
-        kappa=None, reset=False,
+        sigma=Exact(decimal_text(found.sigma, 6)), theta=later, idle=later, T_min=later, epsilon=later,
+        kappa=None, reset=False, one=False,
     )  # fmt: skip

@@ -52,6 +52,9 @@ def _of_options(family: UpdatedSampling, plant: Plant) -> Iterator[Problem]:
     if rule is not None and (rule.trigger == "integral") != (rule.kappa is not None):
         what = "kappa is required with trigger integral" if rule.kappa is None else "kappa is of trigger integral"
         yield Problem(("observer", "rule"), what, hint="rule: {trigger: integral, kappa: 0.3}")
+    if family.read == "one" and plant.p == 1:
+        what = "one of several outputs is chosen; this plant has one"
+        yield Problem(("observer", "read"), what, "one", hint="leave it out")
     T_min = None if law is None else law.T_min
     if family.budget is not None and T_min is not None:
         yield Problem(("observer", "budget"), "says T_min already: 1 / budget", hint="leave law.T_min out")

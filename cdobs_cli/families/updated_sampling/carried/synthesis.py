@@ -12,7 +12,7 @@ from cdobs_cli.certificate import Bound
 from cdobs_cli.design import Design, Outcome
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text
 from cdobs_cli.families.updated_sampling.carried import errors
-from cdobs_cli.families.updated_sampling.carried.law import LAW, MATRICES, NUMBERS, Law
+from cdobs_cli.families.updated_sampling.carried.law import CHOICES, LAW, MATRICES, NUMBERS, Law
 from cdobs_cli.families.updated_sampling.carried.proof import floor
 from cdobs_cli.families.updated_sampling.carried.search import Target, has_law, least_error, longest, rounded
 from cdobs_cli.families.updated_sampling.carried.slopes import largest_slopes
@@ -70,7 +70,12 @@ def typed_parts(family: UpdatedSampling) -> dict[str, Any]:
         parts = {name: one for name in (*MATRICES, *NUMBERS) if (one := getattr(block, name)) is not None}
     if family.budget is not None:
         parts["T_min"] = per_budget(family.budget)
-    return {**parts, "kappa": family.rule.kappa if family.rule else None, "reset": family.reset}
+    return {
+        **parts,
+        "kappa": family.rule.kappa if family.rule else None,
+        "reset": family.reset,
+        "one": family.read == "one",
+    }
 
 
 def per_budget(budget: Exact) -> Exact:
@@ -103,8 +108,8 @@ def _found(
     own = {name: parts.get(name, one) for name, one in defaults(plant.n, idle=_idle(family)).items()}
     pinned = {name: parts.get(name) for name in ("Lambda", "split", "sigma")}
     pinned["share"] = family.law.share if family.law else None
-    target = Target.of(plant, largest, own["idle"], own["epsilon"], **pinned)
-    own |= {"kappa": parts["kappa"], "reset": parts["reset"]}
+    target = Target.of(plant, largest, own["idle"], own["epsilon"], **pinned, one=parts["one"])
+    own |= {name: parts[name] for name in ("kappa", *CHOICES)}
     times = [parts["T_min"]] if "T_min" in parts else _times(family, target, plant, effort)
     reason = _NOTHING.format(times[0]) if "T_min" in parts else _NEVER
     if not times and family.error_at_most is not None:
