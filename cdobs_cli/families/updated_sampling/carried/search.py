@@ -25,6 +25,7 @@ EVALUATIONS = (60, 150, 300, 600)  # of one search, by effort
 SLACK = 1.02  # by which sigma is larger, and Lambda smaller, where F is found: what is given away
 _STEPS = 16  # of [0, T_min] at which Pi is looked at
 _DIGITS = 10
+_CLEAR = 10.0 ** (2 - _DIGITS)  # of F_ii F_jj: nearer to singular, F would not be definite once it is rounded
 _ROOM = 100.0  # times epsilon
 _LOWEST = 0.05  # of F, down to which Pi may dip on the way to T_min
 _STEP = 0.4  # of the first simplex, in logarithms
@@ -161,16 +162,24 @@ def _path(H: Array, first: Array, T: float) -> list[Array] | None:
 
 
 def candidate(target: Target, T: float, logs: Array) -> Candidate | None:
-    """The law of these constants, with F a little below the fixed point; None where there is none."""
+    """The law of these constants, with F a little below the fixed point; None where there is none, or floats cannot
+    tell, so near is F to singular."""
+    try:
+        return _below_fixed_point(target, T, logs)
+    except LinAlgError:
+        return None
+
+
+def _below_fixed_point(target: Target, T: float, logs: Array) -> Candidate | None:
+    """Raises: LinAlgError where a matrix is not definite, or singular, in floats."""
     split, sigma, gamma = _parts(target, logs)
     CWC = target.C.T @ np.diag(target.weights) @ target.C
     periodic = fixed_point(_matrix(target, split, sigma * SLACK, gamma), CWC / SLACK, T)
     if periodic is None:
         return None
     top = periodic - CWC / SLACK
-    try:
-        np.linalg.cholesky(top)
-    except LinAlgError:
+    sizes = np.sqrt(np.maximum(np.diag(top), 0.0))
+    if not sizes.min() > 0 or np.linalg.eigvalsh(top / np.outer(sizes, sizes))[0] < _CLEAR:
         return None
     H = _matrix(target, split, sigma, gamma)
     for share in SHARES:
