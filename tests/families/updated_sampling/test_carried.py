@@ -9,6 +9,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from flint import arb
 from scipy.integrate import solve_ivp
 from updated_plants import burst, chain, last_row, sines
 
@@ -27,6 +28,7 @@ from cdobs_cli.families.updated_sampling.carried.law import (
     solve,
     strengths,
 )
+from cdobs_cli.families.updated_sampling.carried.observer import entry_name
 from cdobs_cli.families.updated_sampling.carried.proof import floor
 from cdobs_cli.families.updated_sampling.carried.slopes import largest_slopes
 from cdobs_cli.families.updated_sampling.lipschitz import rate_of
@@ -267,6 +269,33 @@ def test_instants_are_located_to_rounding(budgeted: tuple[Design, Check, Law]) -
         assert np.diff(trajectory.t_k).min() >= float(law.T_min) * (1 - 1e-12)
 
 
+@pytest.mark.parametrize("n", [2, 4])
+def test_a_floor_that_is_met_in_several_directions_at_once_is_not_missed(n: int) -> None:
+    """Equal states that do not touch each other: all eigenvalues of Pi - F pass 0 together, and for an even number of
+    them the determinant only touches it."""
+    eye, names = np.eye(n, dtype=int), [f"x{i + 1}" for i in range(n)]
+    plant = chain(n, [f"u*sin({name})" for name in names], (2 * eye).astype(str).tolist(), {"u": ("0", "2")})
+    plant = replace(plant, A=ExactMatrix((eye * Fraction(3, 10)).tolist()), C=ExactMatrix(eye.tolist()))
+    typed = {"F": eye, "split": eye, "Lambda": np.full((1, n), 100)}
+    rows = {name: matrix.astype(str).tolist() for name, matrix in typed.items()}
+    family = card(law={**rows, "sigma": "0.1", "T_min": "0.1", "idle": "1"})
+    design = family.synthesize(plant, 0)
+    observer = family.observer(plant, design)
+    box = Box((Exact(-1),) * n, (Exact(1),) * n)
+    plan = replace(_plan("1 + sin(3*t)", 1, "4"), initial_box=box)
+    plan = replace(plan, signals={"u": plan.signals["u"]})
+    run = simulate(HybridSystem(plant, observer), plan, plant.sampling)
+    first = run.trajectories[0]
+    assert family.certify(plant, design, 0).verdict == "proved"
+    assert len(first.t_k) > 5 and first.t[-1] == 4
+    assert first.internals["margin"].min() >= -1.001 * float(Law.read(design.details["law"]).epsilon)
+    assert first.internals["Pi_11"].min() >= 1
+    # Where Pi - F < 0 in all directions a sample is due still.
+    margin = observer.internals["margin"]
+    below = {entry_name(i, j): arb(i == j) / 2 for i in range(n) for j in range(i, n)}
+    assert margin.ball(below) < 0
+
+
 def test_the_integral_asks_for_samples_too_and_reasons_are_told() -> None:
     options = {**BUDGETED, "rule": {"trigger": "integral", "kappa": "0.202"}}
     design, check, law = designed(options)
@@ -408,6 +437,15 @@ def test_what_no_output_sees_has_no_law() -> None:
     assert design.outcome == "none" and "no law" in (design.reason or "")
     check = family.certify(plant, design, 0)
     assert check.verdict == "undecided" and {claim.id for claim in check.claims} == {"convergence", "error_bounded"}
+
+
+def test_a_floor_near_to_singular_stops_no_search() -> None:
+    """Nothing is uncertain: at some of the points that are tried F is definite, but not in floats."""
+    noise = Box((Exact("-0.0479345"),), (Exact("0.0502498"),))
+    plant = replace(chain(2, ["0", "0"], [["0", "0"], ["0", "0"]]), noise=noise)
+    plant = replace(plant, A=ExactMatrix([["0", "1"], ["0.537549", "0"]]))
+    family = card(law={"share": "0.988673"})
+    assert family.certify(plant, family.synthesize(plant, 0), 0).verdict == "proved"
 
 
 def test_a_whole_law_is_analysed_as_it_is(budgeted: tuple[Design, Check, Law]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from functools import reduce
 from typing import Any
 
 from cdobs_cli.exact.expression import ONE, ZERO, Expression, Number, Variable, call, power
@@ -103,9 +104,20 @@ def _distance(Pi: Table, law: Law) -> Table:
 
 
 def _margin(M: Table, law: Law) -> Expression:
-    """det(Pi - F) / det F - epsilon: above 0 between T_min and the next sample."""
-    inside: Expression = determinant(M) / determinant(_table(law.F))
-    return inside - law.epsilon.expression
+    """The least of det(Pi - F) / det F - epsilon and the smaller leading minors of Pi - F over those of F.
+
+    It is above 0 between T_min and the next sample, and below 0 wherever Pi - F is not definite, for as long as that
+    lasts: the determinant alone is above 0 again where two eigenvalues passed 0 together. Before it has come down to
+    epsilon no minor has reached 0, so that the minors ask for nothing sooner.
+    """
+    F = _table(law.F)
+    *smaller, last = (determinant(_leading(M, k)) / determinant(_leading(F, k)) for k in range(1, len(F) + 1))
+    margin: Expression = last - law.epsilon.expression
+    return reduce(lambda a, b: call("min", a, b), smaller, margin)
+
+
+def _leading(M: Table, k: int) -> Table:
+    return [row[:k] for row in M[:k]]
 
 
 def _choice(M: Table, C: Table, law: Law) -> list[Expression]:

@@ -25,6 +25,7 @@ EVALUATIONS = (60, 150, 300, 600)  # of one search, by effort
 SLACK = 1.02  # by which sigma is larger, and Lambda smaller, where F is found: what is given away
 _STEPS = 16  # of [0, T_min] at which Pi is looked at
 _DIGITS = 10
+_CLEAR = 10.0 ** (2 - _DIGITS)  # of F_ii F_jj: nearer to singular, F would not be definite once it is rounded
 _ROOM = 100.0  # times epsilon
 _LOWEST = 0.05  # of F, down to which Pi may dip on the way to T_min
 _STEP = 0.4  # of the first simplex, in logarithms
@@ -171,7 +172,16 @@ def _path(H: Array, first: Array, T: float) -> list[Array] | None:
 
 
 def candidate(target: Target, T: float, logs: Array) -> Candidate | None:
-    """The law of these constants, with F a little below the fixed point; None where there is none."""
+    """The law of these constants, with F a little below the fixed point; None where there is none, or floats cannot
+    tell, so near is F to singular."""
+    try:
+        return _below_fixed_point(target, T, logs)
+    except LinAlgError:
+        return None
+
+
+def _below_fixed_point(target: Target, T: float, logs: Array) -> Candidate | None:
+    """Raises: LinAlgError where a matrix is not definite, or singular, in floats."""
     split, sigma, gamma = _parts(target, logs)
     top = _top(target, _matrix(target, split, sigma * SLACK, gamma), T)
     if top is None:
@@ -188,22 +198,23 @@ def candidate(target: Target, T: float, logs: Array) -> Candidate | None:
 
 def _top(target: Target, H: Array, T: float) -> Array | None:
     """About the largest F: below the fixed point; of several choices of outputs the harmonic mean, which is near each
-    of them in its own weak directions."""
+    of them in its own weak directions. None where there is none. Raises: LinAlgError, as its caller."""
     tops = []
     for CWC in target.gains:
         periodic = fixed_point(H, CWC / SLACK, T)
-        if periodic is None:
+        if periodic is None or not _is_clear(periodic - CWC / SLACK):
             return None
         tops.append(periodic - CWC / SLACK)
-    try:
-        for one in tops:
-            np.linalg.cholesky(one)
-        if len(tops) == 1:
-            return tops[0]
-        mean: Array = np.linalg.inv(np.mean([np.linalg.inv(one) for one in tops], axis=0)).astype(np.float64)
-    except LinAlgError:
-        return None
+    if len(tops) == 1:
+        return tops[0]
+    mean: Array = np.linalg.inv(np.mean([np.linalg.inv(one) for one in tops], axis=0)).astype(np.float64)
     return mean
+
+
+def _is_clear(M: Array) -> bool:
+    """Whether M stays definite when it is rounded."""
+    sizes = np.sqrt(np.maximum(np.diag(M), 0.0))
+    return bool(sizes.min() > 0 and np.linalg.eigvalsh(M / np.outer(sizes, sizes))[0] >= _CLEAR)
 
 
 def _is_above(path: list[Array], F: Array, epsilon: float) -> bool:
