@@ -649,3 +649,20 @@ def test_an_output_that_is_not_enough_by_itself_leaves_no_choice() -> None:
     assert card(**BUDGETED, read="one").synthesize(blind, 0).outcome == "none"
     told = [str(one.field) for one in problems(card(**BUDGETED, read="one"), PLANT)]
     assert told == ["('observer', 'read')"]
+
+
+def test_pi_stays_within_what_floats_hold_where_the_plant_forgets_quickly() -> None:
+    """Without gamma Pi_11 grows like exp(16 t), for ever."""
+    slopes = [["0", "0"], ["0", "2"]]
+    quick = replace(chain(2, ["0", "u*sin(x2)"], slopes, {"u": ("0", "2")}), A=ExactMatrix([[-8, 0], [0, 0]]))
+    quick = replace(quick, C=ExactMatrix([[1, 0], [0, 1]]), noise=Box((Exact("-0.01"),) * 2, (Exact("0.01"),) * 2))
+    design, check, law = designed({"budget": 8}, quick)
+    assert check.verdict == "proved" and law.gamma[0, 0].sign() == 1
+    signals = {**_plan("1+sin(t)").signals}
+    signals["v.1"] = signals["v.0"]
+    run = simulate(
+        HybridSystem(quick, card(budget=8).observer(quick, design)),
+        replace(_plan("1", runs=1, horizon="60"), signals=signals), quick.sampling,
+    )  # fmt: skip
+    assert not run.overall.diverged and run.trajectories[0].stopped is None
+    assert run.trajectories[0].internals["Pi_11"].max() < 1e12 * float(law.F[0, 0])

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import partial
+from functools import cached_property, partial
 from math import inf
 
 import numpy as np
@@ -27,6 +27,7 @@ _STEPS = 16  # of [0, T_min] at which Pi is looked at
 _DIGITS = 10
 _CLEAR = 10.0 ** (2 - _DIGITS)  # of F_ii F_jj: nearer to singular, F would not be definite once it is rounded
 _ROOM = 100.0  # times epsilon
+_MOST = 1e6  # times what the outputs tell of a state, that Pi may come to
 _LOWEST = 0.05  # of F, down to which Pi may dip on the way to T_min
 _STEP = 0.4  # of the first simplex, in logarithms
 SHARES = (0.999, 0.99, 0.97, 0.93, 0.85, 0.7)
@@ -81,6 +82,22 @@ class Target:
             None if sigma is None else float(sigma), float(epsilon), 1.0 if share is None else float(share), one,
         )  # fmt: skip
 
+    @cached_property
+    def limit(self) -> Array:
+        """gamma of each state that keeps Pi finite: where A decays by itself Pi would grow until floats cannot hold it.
+
+        It is as if there were a disturbance too small to matter; 0 where nothing decays.
+        """
+        n, fastest = len(self.A), max(0.0, float(np.max(-np.linalg.eigvals(self.A).real)))
+        if fastest == 0.0:
+            return np.zeros(n)
+        told, power = np.zeros(n), np.eye(n)
+        for _ in range(n):
+            told += self.weights @ (self.C @ power) ** 2
+            power = power @ self.A / fastest
+        with np.errstate(divide="ignore"):
+            return np.where(told > 0, 2 * fastest / (_MOST * told), 0.0)
+
     @property
     def times(self) -> tuple[float, float]:
         """Where T_min is looked for: around the shortest time scale of flow and slopes."""
@@ -128,6 +145,7 @@ def _parts(target: Target, logs: Array) -> tuple[Array, float, Array]:
         split[i, j] = value
     # So that a disturbance adds to V, in T_min, about what the noise of one sample does.
     gamma = values[-1] * target.d**2 if target.d.any() else np.zeros(n)
+    gamma = np.maximum(gamma, target.limit)
     return split, float(values[len(target.largest)]), gamma
 
 

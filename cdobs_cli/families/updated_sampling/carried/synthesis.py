@@ -30,7 +30,7 @@ _SHORTER = (1.0, 0.99, 0.97, 0.93, 0.85)  # T_min, where a proof leaves an error
 _TOO_SMALL = "no law was found whose proved error keeps error_at_most: a larger one, or less noise, may help"
 _UNBOUNDED = "c(x_hat, u) = {} has no bound over the domain, so Pi has no floor; declare a domain"
 _NOTHING = "no law with a floor of Pi was found at T_min = {}: a shorter one, or smaller slopes, may help"
-_NEVER = "no law with a floor of Pi was found for any T_min: is the state seen by the outputs, whatever the slopes?"
+_NEVER = "no law with a floor of Pi was found for any T_min; the outputs must see the state, whatever the slopes"
 _UNFIT = "the typed law does not fit the slopes that the estimate can meet: split has a positive entry for each of them"
 _UNPROVED = "a law was found in floating point, but its floor could not be proved for rounded numbers"
 
