@@ -29,7 +29,7 @@ from cdobs_cli.families.updated_sampling.carried.law import (
     strengths,
 )
 from cdobs_cli.families.updated_sampling.carried.observer import entry_name
-from cdobs_cli.families.updated_sampling.carried.proof import floor
+from cdobs_cli.families.updated_sampling.carried.proof import floor, least_eigenvalue
 from cdobs_cli.families.updated_sampling.carried.slopes import largest_slopes
 from cdobs_cli.families.updated_sampling.lipschitz import rate_of
 from cdobs_cli.families.updated_sampling.structure import problems
@@ -666,3 +666,11 @@ def test_pi_stays_within_what_floats_hold_where_the_plant_forgets_quickly() -> N
     )  # fmt: skip
     assert not run.overall.diverged and run.trajectories[0].stopped is None
     assert run.trajectories[0].internals["Pi_11"].max() < 1e12 * float(law.F[0, 0])
+
+
+@pytest.mark.parametrize("small", ["1e-3", "1e-13", "1e-30"])
+def test_the_least_eigenvalue_is_near_however_far_the_others_are(small: str) -> None:
+    turn = ExactMatrix([["3/5", "-4/5"], ["4/5", "3/5"]]).balls()
+    F = turn @ ExactMatrix([["1", "0"], ["0", small]]).balls() @ turn.T
+    least = least_eigenvalue(F)
+    assert 0.999 * float(small) <= float(least.mid()) and not least > float(small)

@@ -17,7 +17,7 @@ from cdobs_cli.exact.numbers import lower_text, text_below, upper_text
 from cdobs_cli.families.updated_sampling.carried import errors
 from cdobs_cli.families.updated_sampling.carried.law import Law
 from cdobs_cli.families.updated_sampling.carried.observer import observer
-from cdobs_cli.families.updated_sampling.carried.proof import Floor, floor
+from cdobs_cli.families.updated_sampling.carried.proof import Floor, floor, least_eigenvalue
 from cdobs_cli.families.updated_sampling.carried.slopes import largest_slopes
 from cdobs_cli.families.updated_sampling.carried.synthesis import stored_law
 from cdobs_cli.families.updated_sampling.claims import bounded_claim
@@ -122,7 +122,7 @@ def _floor_claim(rate: Rate, law: Law, found: Floor) -> Claim:
     every = f"for every c(t) <= {rate.largest}, jumps included"
     if found.share is not None and found.holds:
         share = float(found.share)
-        least = fraction_ball(found.share) * arb(eigenvalue_range(law.F.balls(), smallest=True).low)
+        least = fraction_ball(found.share) * least_eigenvalue(law.F.balls())
         text = f"Pi >= {share:g} F > 0 {every}, and no sample is due before T_min = {T}"
         return _certificate(became, text, lower_text(least, 6))
     return _certificate(became, f"Pi keeps a floor {every}, with T_min = {T}: {_why_open(found, T)}", None)
@@ -145,7 +145,7 @@ def _why_open(found: Floor, T: object) -> str:
 def _envelope(law: Law, share: Fraction) -> dict[str, str]:
     """|e(t)| <= factor |e(0)| exp(-rate t): Pi(0) = F, and Pi >= zeta F later."""
     F = law.F.balls()
-    low, high = arb(eigenvalue_range(F, smallest=True).low), arb(eigenvalue_range(F, smallest=False).high)
+    low, high = least_eigenvalue(F), arb(eigenvalue_range(F, smallest=False).high)
     if not low > 0:
         return {}
     factor = (high / (low * fraction_ball(share))).sqrt()

@@ -22,11 +22,10 @@ from functools import reduce
 from flint import arb
 
 from cdobs_cli.certificate import Bound
-from cdobs_cli.certify.definite import eigenvalue_range
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import upper_text
 from cdobs_cli.families.updated_sampling.carried.law import Law
-from cdobs_cli.families.updated_sampling.carried.proof import keeps_inverse
+from cdobs_cli.families.updated_sampling.carried.proof import keeps_inverse, least_eigenvalue
 from cdobs_cli.plant import Entry, Plant
 
 _DIGITS = 9
@@ -91,7 +90,7 @@ def _peaks(plant: Plant, law: Law, largest: Mapping[Entry, Fraction], share: Fra
 def _mean_square(plant: Plant, law: Law, share: Fraction, steady: arb) -> dict[str, Bound]:
     assert plant.covariance is not None
     noise = _of_sample(law, [arb(plant.covariance[k, k].scalar) for k in range(plant.p)])
-    low = arb(eigenvalue_range(law.F.balls(), smallest=True).low) * fraction_ball(share)
+    low = least_eigenvalue(law.F.balls()) * fraction_ball(share)
     if not low > 0:
         return {}
     rms = ((noise / arb(law.T_min.scalar) + steady) / (_slowest(law) * low)).sqrt()

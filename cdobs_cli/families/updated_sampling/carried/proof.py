@@ -20,7 +20,7 @@ import numpy as np
 from flint import arb, fmpq
 
 from cdobs_cli.certify.ball import determinant as ball_determinant
-from cdobs_cli.certify.definite import has_positive_pivots
+from cdobs_cli.certify.definite import eigenvalue_range, has_positive_pivots
 from cdobs_cli.certify.taylor import exponential
 from cdobs_cli.exact.matrix import Matrix, symmetric
 from cdobs_cli.exact.numbers import Exact
@@ -62,6 +62,12 @@ def floor(plant: Plant, law: Law, largest: Mapping[Entry, Fraction]) -> Floor:
     shares = (one for one in SHARES if all(flow.stays_above(_always(F * one)) for flow in flows))
     share = next(shares, None) if kept else None
     return Floor(True, True, share, kept)
+
+
+def least_eigenvalue(F: Matrix) -> arb:
+    """A lower end of that of F > 0, rational: by the largest one of F^-1, which is near in relation to it."""
+    largest = arb(eigenvalue_range(F.inverse(), smallest=False).high)
+    return arb(fmpq(1)) / largest if largest > 0 else arb(0)
 
 
 def keeps_inverse(
