@@ -35,7 +35,7 @@ from cdobs_cli.console import Console
 from cdobs_cli.design import Design
 from cdobs_cli.errors import SpecError, UsageError
 from cdobs_cli.findings import remarks
-from cdobs_cli.outcome import Message, Result
+from cdobs_cli.outcome import STAGES, Message, Result
 from cdobs_cli.progress import watched
 from cdobs_cli.report.html import fragment, pictures_html
 from cdobs_cli.report.model import Report
@@ -60,16 +60,21 @@ Source = Spec | str | Path
 Folder = str | Path
 _RESULTS = "results"
 _SHOWN = ("states", "error", "bands")
-_STAGES = ("synthesize", "check", "simulate", "report")
 
 
 @dataclass(frozen=True, repr=False)
-class Designed:
-    """A design of a spec; in a notebook observer and gain are shown."""
+class Told:
+    """What was made of a spec; `told` is all that a report says of it."""
 
     spec: Spec
-    design: Design
     told: Report = field(compare=False)
+
+
+@dataclass(frozen=True, repr=False)
+class Designed(Told):
+    """A design of a spec; in a notebook observer and gain are shown."""
+
+    design: Design
 
     def __repr__(self) -> str:
         return f"<{self.told.name}: {self.design.family}, {self.design.outcome}>"
@@ -111,12 +116,10 @@ class Checked(Designed):
 
 
 @dataclass(frozen=True, repr=False)
-class Simulated:
+class Simulated(Told):
     """A simulation of a spec; in a notebook states and errors are shown."""
 
-    spec: Spec
     run: Run
-    told: Report = field(compare=False)
 
     def __repr__(self) -> str:
         return f"<{self.told.name}: {len(self.run.summaries)} runs>"
@@ -152,7 +155,7 @@ def with_gain(spec: Source, **gain: Any) -> Spec:
         SpecError: the gain is not one of the spec's family.
         UsageError: an object is no gain of an observer of this plant.
     """
-    from cdobs_cli.spec.foreign import gain_rows
+    from cdobs_cli.foreign import gain_rows
 
     known = _spec(spec)
     settings = []
@@ -181,7 +184,7 @@ def synthesize(
     """
     with _work(spec, out, effort, force, time_limit) as work:
         design = pipeline.synthesize(work)
-        return Designed(work.spec, design, pipeline.report_model(work, {}))
+        return Designed(work.spec, pipeline.report_model(work, {}), design)
 
 
 def check(
@@ -191,7 +194,7 @@ def check(
     with _work(spec, out, effort, force, time_limit) as work:
         found = pipeline.check(work)
         assert work.design is not None
-        return Checked(work.spec, work.design, pipeline.report_model(work, {}), found)
+        return Checked(work.spec, pipeline.report_model(work, {}), work.design, found)
 
 
 def simulate(
@@ -212,7 +215,7 @@ def simulate(
         if work.run is None:
             why = "there is no observer" if work.spec.simulation else "the spec has no simulation block"
             raise UsageError(f"{work.spec.source_path}: nothing is run: {why}")
-        return Simulated(work.spec, work.run, pipeline.report_model(work, {}))
+        return Simulated(work.spec, pipeline.report_model(work, {}), work.run)
 
 
 def replay(spec: Source, claim: str, *, out: Folder = _RESULTS, effort: int = 1) -> dict[str, Any]:
@@ -257,8 +260,8 @@ def run(
     settings = Settings(Path(out), effort, force, jobs=jobs, time_limit=time_limit, executor=executor)
     todo = jobs_of(map(Path, paths), settings.out)
     if jobs == 1 and executor is None and time_limit is None:
-        return [run_one(job, _STAGES, settings) for job in todo]
-    call = partial(run_one, stages=_STAGES, settings=settings)
+        return [run_one(job, STAGES, settings) for job in todo]
+    call = partial(run_one, stages=STAGES, settings=settings)
     every = engine_of(settings)(todo, call, workers=jobs, time_limit=time_limit, started=lambda _: None)
     return [result for _, result in sorted(every, key=lambda one: one[0])]
 
@@ -289,7 +292,10 @@ def compare(
 
     settings = Settings(Path(out), effort, force, jobs=jobs, time_limit=time_limit)
     asked = Comparing.of(list(map(Path, paths)), settings)
-    rows, notes = asked.rows(asked.carried_out(settings, _SILENT)[0])
+    results, is_whole = asked.carried_out(settings, _SILENT)
+    if not is_whole:
+        raise KeyboardInterrupt
+    rows, notes = asked.rows(results)
     asked.write(rows, notes)
     return Compared(tuple(rows), tuple(notes), asked.page)
 
@@ -337,4 +343,4 @@ def _work(
     store = Store(Path(out) / spec.source_path.stem)
     store.open()
     with watched(None, time_limit):
-        yield pipeline.Work(spec, store, effort, frozenset(_STAGES) if force else frozenset())
+        yield pipeline.Work(spec, store, effort, frozenset(STAGES) if force else frozenset())

@@ -168,7 +168,8 @@ def _known(work: Work, job: Job, stages: tuple[str, ...], settings: Settings, wa
     lines = (*summary_lines(report), *(f"  written: {readable(str(path))}" for path in work.exported))
     expected = tuple(Problem(one.expectation.field, "").path for one in findings.decided(work.spec, documents, seen))
     return Result(
-        str(job.spec), judged(messages), messages, documents["design"], documents["check"], documents["simulation"],
+        str(job.spec), judged(messages), messages, documents["design"], documents["check"],
+        work.replayed or documents["simulation"],
         headline(report), lines, expected,
         _row(report, job, settings) if "report" in stages else None, waiting=waiting,
     )  # fmt: skip

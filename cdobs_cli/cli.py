@@ -17,6 +17,7 @@ import typer
 from cdobs_cli import __version__
 from cdobs_cli.console import Console, LostStreamError, say
 from cdobs_cli.errors import INTERRUPTED, CdobsError, ExitCode, UsageError, untold
+from cdobs_cli.outcome import STAGES
 from cdobs_cli.printable import line, lines
 
 app = typer.Typer(
@@ -33,7 +34,6 @@ Format = StrEnum("Format", "text json junit sarif github")
 Plain = StrEnum("Plain", "text json")  # of what is not about specs
 Target = StrEnum("Target", "c99 python mat json control fmu proof")
 Precision = StrEnum("Precision", "double float")
-STAGES = ("synthesize", "check", "simulate", "report")
 Stages = tuple[str, ...]
 _INTERRUPTED = 130  # what typer makes of Ctrl-C
 
@@ -48,6 +48,16 @@ Executor = Annotated[
     str | None,
     typer.Option(metavar="dask=ADDRESS", help="Work on the cluster of this Dask scheduler (needs cdobs[dask])."),
 ]
+
+
+def _at_a_time(what: str) -> Any:
+    return typer.Option(min=1, max=256, metavar="N", help=f"{what} at a time.")
+
+
+def _seconds(each: str) -> Any:
+    return typer.Option(min=0, metavar="S", help=f"Seconds {each}; what is not finished is undecided.")
+
+
 NoColor = Annotated[bool, typer.Option("--no-color", help="Plain text (also with NO_COLOR).")]
 
 
@@ -58,12 +68,8 @@ def _common(
     out: Out = Path("results"),
     effort: Effort = 1,
     force: Force = False,
-    jobs: Annotated[
-        int, typer.Option(min=1, max=256, metavar="N", help="Specs at a time; of a single one, batches of runs.")
-    ] = 1,
-    time_limit: Annotated[
-        float | None, typer.Option(min=0, metavar="S", help="Seconds a spec; what is not finished is undecided.")
-    ] = None,
+    jobs: Annotated[int, _at_a_time("Specs, or batches of runs of a single one,")] = 1,
+    time_limit: Annotated[float | None, _seconds("a spec")] = None,
     output: Output = Format.text,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -213,10 +219,8 @@ def sweep(
     ] = False,
     effort: Effort = 1,
     force: Force = False,
-    jobs: Annotated[int, typer.Option(min=1, max=256, metavar="N", help="Points at a time.")] = 1,
-    time_limit: Annotated[
-        float | None, typer.Option(min=0, metavar="S", help="Seconds a point; what is not finished is undecided.")
-    ] = None,
+    jobs: Annotated[int, _at_a_time("Points")] = 1,
+    time_limit: Annotated[float | None, _seconds("a point")] = None,
     executor: Executor = None,
     output: Output = Format.text,
     quiet: Quiet = False,
@@ -243,10 +247,8 @@ def compare(
     out: Out = Path("results"),
     effort: Effort = 1,
     force: Force = False,
-    jobs: Annotated[int, typer.Option(min=1, max=256, metavar="N", help="Observers at a time.")] = 1,
-    time_limit: Annotated[
-        float | None, typer.Option(min=0, metavar="S", help="Seconds an observer; what is not finished is undecided.")
-    ] = None,
+    jobs: Annotated[int, _at_a_time("Observers")] = 1,
+    time_limit: Annotated[float | None, _seconds("an observer")] = None,
     output: Output = Format.text,
     quiet: Quiet = False,
     verbose: Verbose = False,

@@ -27,11 +27,9 @@ def decided(spec: Spec, documents: Documents, stages: frozenset[str]) -> list[Ou
 
 
 def at_hand(spec: Spec, documents: Documents) -> list[Outcome]:
-    """Every `expect` entry but those about an artefact that is still to be made; a counterexample that was run is no
-    simulation of the spec."""
+    """Every `expect` entry but those about an artefact that is still to be made."""
     runs = spec.simulation is not None and (documents["design"] or {}).get("outcome") != "none"
-    no_run = "claim" in (documents["simulation"] or {"claim": None})
-    missing = {"check": documents["check"] is None, "simulation": runs and no_run}
+    missing = {"check": documents["check"] is None, "simulation": documents["simulation"] is None and runs}
     return [evaluate(one, documents) for one in spec.expect if not missing.get(one.artefact, False)]
 
 

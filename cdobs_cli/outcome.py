@@ -11,6 +11,7 @@ from cdobs_cli.errors import ExitCode, Problem
 
 ResultStatus = Literal["ok", "finding", "invalid", "failed"]
 Severity = Literal["error", "warning", "note"]
+STAGES = ("synthesize", "check", "simulate", "report")  # in order
 EXIT_CODES: dict[ResultStatus, ExitCode] = {
     "ok": ExitCode.HOLDS, "finding": ExitCode.FINDING, "invalid": ExitCode.INVALID, "failed": ExitCode.FAILED,
 }  # fmt: skip

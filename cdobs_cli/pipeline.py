@@ -61,6 +61,7 @@ class Work:
     design: Design | None = field(default=None, init=False)
     check: Check | None = field(default=None, init=False)
     simulation: dict[str, Any] | None = field(default=None, init=False)
+    replayed: dict[str, Any] | None = field(default=None, init=False)
     run: Run | None = field(default=None, init=False)
     exported: list[Path] = field(default_factory=list, init=False)
     redone: set[str] = field(default_factory=set, init=False)
@@ -316,8 +317,8 @@ def replay(work: Work, identifier: str) -> dict[str, Any]:
     work.store.write_files({f"{name}.npz": archive, **_figures(work, [shown])})
     digests = _check_digests(work, design) | {"check": proved.digests[CONTENT], ARCHIVE: _sha256(archive)}
     document = {"schema_version": 1, "claim": identifier, **again.document(), "digests": digests}
-    work.simulation = work.store.write(f"{name}.json", document)
-    return work.simulation
+    work.replayed = work.store.write(f"{name}.json", document)
+    return work.replayed
 
 
 def report(work: Work) -> list[Path]:

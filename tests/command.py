@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cdobs_cli.batch import Settings, run
-from cdobs_cli.cli import STAGES
-from cdobs_cli.outcome import Job, Result
+from cdobs_cli.outcome import STAGES, Job, Result
 
 ROOT = Path(__file__).parent.parent
 PENDULUM = """\

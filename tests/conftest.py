@@ -26,8 +26,7 @@ def pendulum() -> str:
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with p.yaml, the pendulum, and its results; to be copied."""
     from cdobs_cli.batch import Settings, run
-    from cdobs_cli.cli import STAGES
-    from cdobs_cli.outcome import Job
+    from cdobs_cli.outcome import STAGES, Job
 
     folder = tmp_path_factory.mktemp("finished")
     (folder / "p.yaml").write_text(PENDULUM)

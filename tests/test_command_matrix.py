@@ -17,8 +17,7 @@ import pytest
 from command import PENDULUM, Done, forked
 
 from cdobs_cli.batch import Settings, run
-from cdobs_cli.cli import STAGES
-from cdobs_cli.outcome import Job
+from cdobs_cli.outcome import STAGES, Job
 from cdobs_cli.store import sealed
 
 REFUTED = PENDULUM.replace("  method: set\n", "  method: set\n  gain: {K: [[-1], [-1.8361]]}\n")

@@ -15,11 +15,11 @@ import yaml
 from command import PENDULUM, forked
 
 from cdobs_cli.batch import Settings, run
-from cdobs_cli.cli import STAGES, Format
+from cdobs_cli.cli import Format
 from cdobs_cli.console import Console
 from cdobs_cli.errors import ExitCode
 from cdobs_cli.formats import render
-from cdobs_cli.outcome import Job
+from cdobs_cli.outcome import STAGES, Job
 from cdobs_cli.printable import line, lines, page, printable
 
 PLANT = "\x1b]0;owned\x07\n::error::planted\r\x9b31m\u202e\u2028\x7f##[error]x\n##vso[task]\u200b"

@@ -17,8 +17,7 @@ import yaml
 from command import PENDULUM, ROOT
 
 from cdobs_cli.batch import Settings, run
-from cdobs_cli.cli import STAGES
-from cdobs_cli.outcome import Job
+from cdobs_cli.outcome import STAGES, Job
 from cdobs_cli.scaffold import example
 
 NUMBER = re.compile(r"\d+(?:\.\d+)?")

@@ -14,7 +14,8 @@ from command import PENDULUM, ROOT, Done, forked
 
 from cdobs_cli.certificate import Bound
 from cdobs_cli.errors import SpecError, UsageError
-from cdobs_cli.report.figures import chart_csv, draw
+from cdobs_cli.report.data import chart_csv
+from cdobs_cli.report.figures import draw
 from cdobs_cli.spec.model import load
 from cdobs_cli.spec.reader import read, read_text
 from cdobs_cli.spec.replaced import Setting, checked, replaced, written

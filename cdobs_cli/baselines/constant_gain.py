@@ -21,15 +21,17 @@ def placed_gain(A: Array, C: Array, period: float, radius: float) -> ExactMatrix
     """
     from scipy.linalg import expm
 
-    Phi: Array = np.array(expm(A * period), dtype=np.float64)
-    # (I - K C) Phi is similar to Phi (I - K C): an observer in filter form, its gain is Phi^-1 times the predictor's.
-    predictor = placed(Phi, C, radius)
-    return ExactMatrix.from_floats(_solved(Phi, predictor), 12)
+    # (I - K C) Phi is similar to Phi (I - K C), the loop of a predictor.
+    predictor = placed(np.array(expm(A * period), dtype=np.float64), C, radius)
+    return ExactMatrix.from_floats(filter_gain(A, predictor, period), 12)
 
 
-def _solved(M: Array, right: Array) -> Array:
-    found: Array = np.linalg.solve(M, right).astype(np.float64)
-    return found
+def filter_gain(A: Array, predictor: Array, period: float) -> Array:
+    """K (n, p) of the observer that corrects at samples, from the gain exp(A period) K (n, p) of a predictor."""
+    from scipy.linalg import expm
+
+    K: Array = np.linalg.solve(expm(A * period), predictor).astype(np.float64)
+    return K
 
 
 def constant_gain(plant: Plant, K: ExactMatrix) -> Observer:

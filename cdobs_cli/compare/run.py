@@ -16,7 +16,7 @@ from cdobs_cli.outcome import Message, Result, exit_code
 from cdobs_cli.printable import line
 from cdobs_cli.report.drawings import Drawings
 from cdobs_cli.store import Store, sweep
-from cdobs_cli.sweep.carried import carried_out
+from cdobs_cli.sweep.engine import carried_out
 
 FOLDER, TABLE, TIMES, PAGE = "compare", "compare.csv", "compare_times.csv", "compare.html"
 STAGES = ("synthesize", "check", "simulate")

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 
 from cdobs_cli.chart import Chart, Panel, Series
 from cdobs_cli.compare.figures import NO_CERTIFICATE, Figures
 from cdobs_cli.printable import printable
 from cdobs_cli.report.blocks import Block, Bullets, Cell, Grid, Mark, Paragraph, Picture
+from cdobs_cli.report.data import text_csv
 from cdobs_cli.report.html import blocks_page
 from cdobs_cli.report.numbers import NOTHING, ends_text, float_or_none, number_text
 from cdobs_cli.report.trajectories import axis_name
@@ -56,20 +55,13 @@ def compare_csv(rows: Sequence[Figures], states: Sequence[str]) -> bytes:
         rmse = ["" if state not in row.rmse else repr(row.rmse[state]) for state in states]
         counts = ["" if one is None else str(one) for one in (row.seeds, row.measurements)]
         body.append([row.name, row.kind, row.certificate, row.law, *exact, *rmse, *counts, row.remark])
-    return _csv([*header, "measurements", "remark"], body)
+    return text_csv([*header, "measurements", "remark"], body)
 
 
 def times_csv(rows: Sequence[Figures]) -> bytes:
     """CPU seconds."""
-    return _csv(["observer", "cpu_seconds"], [[row.name, "" if row.cpu is None else f"{row.cpu:.3f}"] for row in rows])
-
-
-def _csv(header: Sequence[str], rows: Sequence[Sequence[str]]) -> bytes:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows([printable(cell) for cell in row] for row in rows)
-    return text.getvalue().encode("utf-8", "backslashreplace")
+    cpu = [[row.name, "" if row.cpu is None else f"{row.cpu:.3f}"] for row in rows]
+    return text_csv(["observer", "cpu_seconds"], cpu)
 
 
 def compare_chart(rows: Sequence[Figures], states: Sequence[str]) -> Chart | None:

@@ -68,7 +68,8 @@ class Drawings:
 
 def figure_files(chart: Chart | Ladder, formats: Sequence[str]) -> dict[str, bytes]:
     """The files of a figure by their endings."""
-    from cdobs_cli.report.figures import data_csv, draw
+    from cdobs_cli.report.data import data_csv
+    from cdobs_cli.report.figures import draw
 
     return {**draw(chart, tuple(dict.fromkeys(("svg", *formats)))), DATA: data_csv(chart)}
 

@@ -1,4 +1,4 @@
-"""Drawing: charts and ladders to SVG, PNG or PDF, their data to CSV. The only module that loads matplotlib.
+"""Drawing: charts and ladders to SVG, PNG or PDF. The only module that loads matplotlib.
 
 Pictures are deterministic: no dates, fixed identifiers, text as paths of fonts that come with matplotlib. They are as
 wide as a column, with text that can be read on a phone; lines differ in dashes, not in colours alone.
@@ -6,22 +6,20 @@ wide as a column, with text that can be read on a phone; lines differ in dashes,
 
 from __future__ import annotations
 
-import csv
 import io
 import math
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
 from functools import lru_cache
-from itertools import repeat
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cdobs_cli.chart import Chart, Panel, Series
 from cdobs_cli.report.ladder import Ladder
+from cdobs_cli.report.layout import lay_out
 from cdobs_cli.report.palette import (
     BLACK,
     BLUE,
@@ -41,9 +39,7 @@ from cdobs_cli.report.prose import mathtext
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
-    from matplotlib.backend_bases import RendererBase
     from matplotlib.figure import Figure
-    from matplotlib.transforms import Bbox
 
 ROLE_COLOURS = {
     "truth": BLACK, "estimate": BLUE, "proved": GREEN, "refuted": VERMILLION, "measured": ORANGE, "arrived": ORANGE,
@@ -60,8 +56,6 @@ WIDTH = 4.8  # inches: of a phone's 358 pixels each point takes one
 HEIGHTS = {1: 2.5, 2: 1.75, 3: 1.5}  # inches of a panel, by their number
 LOW = 1.4
 LETTER = 0.075  # inches of one, roughly
-PAD = 0.042  # inches round all that belongs to axes
-LABEL_GAP = 4.0  # points between the numbers of an axis and its name
 LEGEND_WIDTH = 300  # points
 SHARE = 0.45  # of the width, of the part of an axis that is stretched
 WIDE = 10.0  # ratio of the values of a map from which on their colours are logarithmic
@@ -116,11 +110,6 @@ def _undocumented() -> Iterator[None]:
             setattr(artist.Artist, of_class, kept)
 
 
-def data_csv(chart: Chart | Ladder) -> bytes:
-    """What is drawn, as CSV."""
-    return ladder_csv(chart) if isinstance(chart, Ladder) else chart_csv(chart)
-
-
 def _svg(figure: Figure) -> bytes:
     from matplotlib.backends import backend_svg
     from matplotlib.textpath import text_to_path
@@ -132,7 +121,7 @@ def _svg(figure: Figure) -> bytes:
     renderer: Any = backend_svg.RendererSVG(width, height, content, image_dpi=72, metadata=metadata)  # type: ignore[no-untyped-call]
     renderer._text2path = text_to_path  # that of all figures: what was read of a label is known there
     if figure.get_layout_engine() is None:
-        _lay_out(figure, renderer)
+        lay_out(figure, renderer)
     figure.draw(renderer)
     figure.set_layout_engine("none")
     renderer.finalize()
@@ -159,119 +148,6 @@ def _printed(print_to: Callable[..., Any], metadata: Mapping[str, None]) -> byte
 
 
 _PRINTED: Mapping[str, Callable[[Figure], bytes]] = {"png": _png, "pdf": _pdf}
-
-
-# ---------------------------------------------------------------- layout
-
-
-def _lay_out(figure: Figure, renderer: RendererBase) -> None:
-    """Axes one above the other, of one height and width, as large as what stands round them leaves room for.
-
-    Each text is measured once: matplotlib's own constrained layout measures all of them six times.
-    """
-    width, height = figure.bbox.size
-    pad, gap = PAD * figure.dpi, LABEL_GAP * figure.dpi / 72
-    sides = [_round(ax, renderer) for ax in figure.axes]
-    labels = [_label_sizes(ax, renderer) for ax in figure.axes]
-    ticks = max(one.left for one in sides)  # the labels of all axes stand in one line
-    left = pad + max(ticks + max(gap + wide if wide else 0.0 for wide, _ in labels), *(one.over for one in sides))
-    right = pad + max(one.right for one in sides)
-    tops = [one.top for one in sides]
-    bottoms = [one.bottom + (gap + high if high else 0.0) for one, (_, high) in zip(sides, labels, strict=True)]
-    inner_width = max(width - left - right, width / 10)
-    inner_height = (height - sum(tops) - sum(bottoms) - 2 * pad * len(sides)) / len(sides)
-    inner_height = max(inner_height, height / (10 * len(sides)))
-    upper = height
-    for ax, side, top, bottom in zip(figure.axes, sides, tops, bottoms, strict=True):
-        lower = upper - pad - top - inner_height
-        ax.set_position((left / width, lower / height, inner_width / width, inner_height / height))
-        ax.yaxis.set_label_coords(-(ticks + gap) / inner_width, 0.5)
-        ax.xaxis.set_label_coords(0.5, -(side.bottom + gap) / inner_height)
-        upper = lower - bottom - pad
-
-
-@dataclass(frozen=True)
-class _Sides:
-    """Pixels by which what belongs to axes stands out, without the names of the quantities; left: ticks with their
-    numbers alone, over: all on that side."""
-
-    left: float
-    over: float
-    right: float
-    top: float
-    bottom: float
-
-
-def _round(ax: Axes, renderer: RendererBase) -> _Sides:
-    inner, boxes = ax.bbox, []
-    for axis in (ax.xaxis, ax.yaxis):
-        axis.set_label_coords(0.5, 0.5)  # given by us, so that matplotlib looks for no place
-        axis.label.set_visible(False)
-        boxes.append(axis.get_tightbbox(renderer))
-        axis.label.set_visible(True)
-    left = _beyond(inner, boxes[1:])[0]
-    legend = ax.get_legend()
-    boxes += [] if legend is None else [legend.get_window_extent(renderer)]
-    boxes += [text.get_window_extent(renderer) for text in ax.texts]
-    return _Sides(left, *_beyond(inner, boxes))
-
-
-def _beyond(inner: Bbox, boxes: Iterable[Bbox | None]) -> tuple[float, float, float, float]:
-    """How far the furthest of the boxes reaches beyond the inner one: left, right, above, below."""
-    met = [inner, *(box for box in boxes if box is not None)]
-    return (
-        max(inner.x0 - box.x0 for box in met), max(box.x1 - inner.x1 for box in met),
-        max(box.y1 - inner.y1 for box in met), max(inner.y0 - box.y0 for box in met),
-    )  # fmt: skip
-
-
-def _label_sizes(ax: Axes, renderer: RendererBase) -> tuple[float, float]:
-    """Pixels from left to right of the name beside the axes, and from top to bottom of the one below; 0 without."""
-    beside, below = ax.yaxis.label, ax.xaxis.label
-    return (
-        beside.get_window_extent(renderer).width if beside.get_text() else 0.0,
-        below.get_window_extent(renderer).height if below.get_text() else 0.0,
-    )
-
-
-# ---------------------------------------------------------------- data
-
-
-def chart_csv(chart: Chart) -> bytes:
-    """What is drawn, one point a row: panel, series, x, y, and y2 for bands."""
-    rows: list[tuple[Any, ...]] = []
-    for number, panel in enumerate(chart.panels, start=1):
-        for series in panel.series:
-            y2 = repeat("") if series.y2 is None else [repr(float(value)) for value in series.y2]
-            rows += [
-                (number, panel.y_label, series.label, repr(float(x)), repr(float(y)), other)
-                for x, y, other in zip(*_same_length(series), y2, strict=False)
-            ]
-    return _csv(("panel", "quantity", "series", "x", "y", "y2"), rows)
-
-
-def _same_length(series: Series) -> tuple[Sequence[Any], Sequence[Any]]:
-    """x and y; a limit has its number in y alone, a mark in x alone."""
-    x, y = list(series.x), list(series.y)
-    if series.kind == "limit":
-        return [math.nan] * len(y), y
-    return (x, [math.nan] * len(x)) if series.kind == "mark" else (x, y)
-
-
-def ladder_csv(ladder: Ladder) -> bytes:
-    """Each rung with both its ends."""
-    ends = [["" if end is None else repr(end) for end in (rung.proved, rung.refuted)] for rung in ladder.rungs]
-    return _csv(
-        ("method", "proved", "refuted"), [(rung.label, *pair) for rung, pair in zip(ladder.rungs, ends, strict=True)]
-    )
-
-
-def _csv(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> bytes:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
-    return text.getvalue().encode()
 
 
 # ---------------------------------------------------------------- charts

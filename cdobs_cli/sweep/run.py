@@ -16,8 +16,8 @@ from cdobs_cli.spec.model import with_files
 from cdobs_cli.spec.reader import Document, read
 from cdobs_cli.spec.replaced import checked
 from cdobs_cli.store import Store, sweep
-from cdobs_cli.sweep.carried import carried_out
 from cdobs_cli.sweep.charts import sweep_charts
+from cdobs_cli.sweep.engine import carried_out
 from cdobs_cli.sweep.grid import Axis, Shard, axes, points
 from cdobs_cli.sweep.points import Point, Row, shown_value, sweep_points
 from cdobs_cli.sweep.table import table_csv, table_rows, times_csv
@@ -64,8 +64,13 @@ class Sweep:
         return carried_out(chosen, names, STAGES, replace(settings, out=self.folder), console, shown=shown)
 
     def whole(self, settings: Settings, console: Console) -> list[dict[str, str]]:
-        """Every point carried out and everything written; returns the rows of the table. Raises: ToolError."""
-        self.carried_out(self.points, settings, console, shown=False)
+        """Every point carried out and everything written; returns the rows of the table.
+
+        Raises: ToolError; KeyboardInterrupt, once what had ended is stored.
+        """
+        _, is_whole = self.carried_out(self.points, settings, console, shown=False)
+        if not is_whole:
+            raise KeyboardInterrupt
         rows = [row for row in self.rows() if row is not None]
         self.write(rows)
         return table_rows(self.points, rows)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
-from cdobs_cli.printable import printable
+from cdobs_cli.report.data import text_csv
 from cdobs_cli.sweep.points import Point, Row, shown_value
 
 _KNOWN = ("status", "verdict", "family", "outcome")
@@ -23,7 +23,7 @@ def table_csv(points: Sequence[Point], rows: Sequence[Row]) -> bytes:
         known = [getattr(row, name) for name in _KNOWN]
         first = next((one.text for one in row.messages if one.severity == "error"), "")
         body.append([*map(shown_value, point.settings), *known, *cells, first])
-    return _csv([*_fields(points), *_KNOWN, *ends, "message"], body)
+    return text_csv([*_fields(points), *_KNOWN, *ends, "message"], body)
 
 
 def table_rows(points: Sequence[Point], rows: Sequence[Row]) -> list[dict[str, str]]:
@@ -35,16 +35,8 @@ def times_csv(points: Sequence[Point]) -> bytes:
     """CPU seconds of each point."""
     body = [[*map(shown_value, point.settings), f"{seconds:.3f}" if (seconds := point.seconds()) is not None else ""]
             for point in points]  # fmt: skip
-    return _csv([*_fields(points), "cpu_seconds"], body)
+    return text_csv([*_fields(points), "cpu_seconds"], body)
 
 
 def _fields(points: Sequence[Point]) -> list[str]:
     return [setting.field for setting in points[0].settings]
-
-
-def _csv(header: Sequence[str], rows: Iterable[Sequence[str | None]]) -> bytes:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows([printable(cell or "") for cell in row] for row in rows)
-    return text.getvalue().encode("utf-8", "backslashreplace")

@@ -15,8 +15,9 @@ from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.labels import Labels
 from cdobs_cli.report.accuracy import accuracy
 from cdobs_cli.report.blocks import Grid
+from cdobs_cli.report.data import chart_csv
 from cdobs_cli.report.drawings import Drawings
-from cdobs_cli.report.figures import chart_csv, draw
+from cdobs_cli.report.figures import draw
 from cdobs_cli.report.files import render
 from cdobs_cli.report.model import Report
 from cdobs_cli.report.trajectories import accuracy_chart

@@ -17,8 +17,9 @@ from report_pendulum import make_check, make_plant, make_report, make_run
 
 from cdobs_cli.certificate import Bound
 from cdobs_cli.chart import Chart, Panel, Series
+from cdobs_cli.report.data import chart_csv, ladder_csv
 from cdobs_cli.report.drawings import RECORD, Drawings
-from cdobs_cli.report.figures import _chart_figure, _svg, chart_csv, draw, ladder_csv
+from cdobs_cli.report.figures import _chart_figure, _svg, draw
 from cdobs_cli.report.ladder import period_ladder
 from cdobs_cli.report.palette import BLUE, adaptable
 from cdobs_cli.report.thumbnail import thumbnail

@@ -12,9 +12,8 @@ import pytest
 from loops import box, copy_observer, pendulum, periodic, plan, plant, read
 
 from cdobs_cli.batch import Settings, run
-from cdobs_cli.cli import STAGES
 from cdobs_cli.exact.numbers import Exact
-from cdobs_cli.outcome import Job
+from cdobs_cli.outcome import STAGES, Job
 from cdobs_cli.plant import Domain, Interval
 from cdobs_cli.simulate.agreement import agrees
 from cdobs_cli.simulate.engine import simulate

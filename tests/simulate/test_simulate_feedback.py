@@ -11,13 +11,12 @@ import pytest
 from loops import box, copy_observer, periodic, plan, plant, read
 
 from cdobs_cli.batch import Settings, run
-from cdobs_cli.cli import STAGES
 from cdobs_cli.design import Design
 from cdobs_cli.errors import SpecError
 from cdobs_cli.exact.expression import Variable
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import HybridSystem, Observer
-from cdobs_cli.outcome import Job
+from cdobs_cli.outcome import STAGES, Job
 from cdobs_cli.plant import Input, Interval
 from cdobs_cli.simulate.agreement import agrees
 from cdobs_cli.simulate.archive import from_bytes, to_bytes

@@ -159,7 +159,8 @@ def test_observers_of_python_control() -> None:
     current = control.StateSpace(Phi @ kept, Phi @ K, kept, K, 0.6)
     predictor = control.StateSpace(Phi @ kept, Phi @ K, np.eye(2), np.zeros((2, 1)), 0.6)
     continuous = control.StateSpace(A - K @ C, K, np.eye(2), np.zeros((2, 1)))
-    for system in (current, predictor, continuous):
+    unnamed = control.StateSpace(Phi @ kept, Phi @ K, np.eye(2), np.zeros((2, 1)), True)
+    for system in (current, predictor, continuous, unnamed):
         assert gain_of(api.with_gain(spec, K=system)) == pytest.approx(K)
     with pytest.raises(UsageError, match=r"time step 0\.5"):
         api.with_gain(spec, K=control.StateSpace(current.A, current.B, current.C, current.D, 0.5))

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from cdobs_cli.arrays import Array
+from cdobs_cli.baselines.constant_gain import filter_gain
 from cdobs_cli.plant import Plant
 
 _SAME = 1e-9  # relative difference of two periods that are meant to be the same
@@ -36,23 +37,24 @@ def gain_rows(value: Any, plant: Plant) -> list[list[float]] | float:
         )
     if not value.dt:
         return _rows(B[:, :p])
-    _must_keep_step(float(value.dt), plant)
+    period = _step(value.dt, plant)
     if np.any(D[:, :p]):
         if len(D) < n:
             raise ValueError(f"the system puts out {len(D)} numbers, the estimate has {n}")
         return _rows(D[:n, :p])
     if plant.slopes.entries or any(row.variables for row in plant.phi):
         raise ValueError("a predictor has exp(A T) K, and exp(A T) is that of a linear plant; give K itself")
-    from scipy.linalg import expm
-
-    K: Array = np.linalg.solve(expm(plant.A.floats * float(value.dt)), B[:, :p]).astype(np.float64)
-    return _rows(K)
+    return _rows(filter_gain(plant.A.floats, B[:, :p], period))
 
 
-def _must_keep_step(dt: float, plant: Plant) -> None:
+def _step(dt: float | bool, plant: Plant) -> float:
+    """The time step of a system in discrete time; True is the period, whatever it is. Raises: ValueError."""
     law = plant.sampling
-    if dt is not True and not float(law.T_min) * (1 - _SAME) <= dt <= float(law.T_max) * (1 + _SAME):
+    if dt is True:
+        return float(law.period)
+    if not float(law.T_min) * (1 - _SAME) <= dt <= float(law.T_max) * (1 + _SAME):
         raise ValueError(f"the system has the time step {dt:g}, and the plant is measured {law.text('')}".rstrip())
+    return float(dt)
 
 
 def _rows(M: Array) -> list[list[float]]:
