@@ -215,6 +215,7 @@ def ask_with_multipliers(
     settings.verbose = False
     settings.max_threads = 1
     settings.max_iter = iterations
+    settings.iterative_refinement_enable = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
     kinds = {"zero": clarabel.ZeroConeT, "psd": clarabel.PSDTriangleConeT}
     product = [kinds[kind](count) for kind, count in cones]

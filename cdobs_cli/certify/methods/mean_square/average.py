@@ -158,7 +158,7 @@ def amplification(question: Question, aim: Aim) -> float | None:
     setting = Setting.of(question, padded(aim.Z, question.inclusion.floats.base.shape[0]))
     if setting is None:
         return None
-    met = AverageSearch.of(setting, shape(question, setting), aim, EPSILONS[0]).solve(question.memory)
+    met = AverageSearch.of(setting, shape(question, setting, for_search=True), aim, EPSILONS[0]).solve(question.memory)
     return None if met is None else met[0]
 
 
@@ -170,7 +170,7 @@ def amplification_slope(question: Question, aim: Aim, letter: str) -> tuple[floa
     setting = Setting.of(question, padded(aim.Z, question.inclusion.floats.base.shape[0]))
     if setting is None:
         return None
-    form = shape(question, setting)
+    form = shape(question, setting, for_search=True)
     search = AverageSearch.of(setting, form, aim, EPSILONS[0])
     met = search.solve_with_multipliers(question.memory)
     if met is None:

@@ -129,10 +129,12 @@ def errors_only(inclusion: HybridInclusion, weights: Array) -> Array:
     return padded(np.diag(weights), inclusion.floats.base.shape[0])
 
 
-def shape(question: Question, setting: Setting, functions: int = 1) -> Shape:
-    """Degrees and pieces of so many functions, by effort: of one alone finer ones; T_min is a break point."""
+def shape(question: Question, setting: Setting, functions: int = 1, *, for_search: bool = False) -> Shape:
+    """Degrees and pieces of so many functions, by effort: of one alone finer ones, but for a search that only compares;
+    T_min is a break point."""
     law, N = question.law, setting.N
-    step = question.level + 1 if functions == 1 else max(0, question.level - (0 if setting.all_at_once else 1))
+    finer = 0 if for_search else 1
+    step = question.level + finer if functions == 1 else max(0, question.level - (0 if setting.all_at_once else 1))
     while step and functions * (_SCHEDULE[step][0] * _SCHEDULE[step][2] + 1) * N * (N + 1) // 2 > _LARGEST:
         step -= 1
     d, D, pieces = _SCHEDULE[step]
