@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 from cdobs_cli import progress
@@ -48,9 +48,30 @@ class Unknown:
             return entries.reshape(self.rows, self.columns)
         if self.kind == "diagonal":
             return np.diag(entries)
-        matrix = np.zeros((self.rows, self.rows))
-        matrix[np.triu_indices(self.rows)] = entries
-        return matrix + np.triu(matrix, 1).T
+        matrix: Array = entries[_places(self.rows)]
+        return matrix
+
+    @property
+    def units(self) -> Array:
+        """The matrices of the unit vectors, shape (size, rows, columns)."""
+        return _units(self)
+
+
+@cache
+def _places(size: int) -> Array:
+    """Which free entry of a symmetric matrix stands where: the upper triangle row by row."""
+    import numpy as np
+
+    places = np.zeros((size, size), dtype=int)
+    places[np.triu_indices(size)] = range(size * (size + 1) // 2)
+    return np.maximum(places, places.T)
+
+
+@cache
+def _units(unknown: Unknown) -> Array:
+    import numpy as np
+
+    return np.array([unknown.matrix(row) for row in np.eye(unknown.size)])
 
 
 def symmetric(size: int) -> Unknown:
@@ -142,11 +163,7 @@ class Program:
         import numpy as np
 
         zeros = self._split(np.zeros(self.size))
-        return [
-            {**zeros, name: unknown.matrix(row)}
-            for name, unknown in self.unknowns.items()
-            for row in np.eye(unknown.size)
-        ]
+        return [{**zeros, name: unit} for name, unknown in self.unknowns.items() for unit in unknown.units]
 
     def require(self, inequality: Affine) -> None:
         """inequality(x) >= 0 in the semidefinite order (a symmetric matrix; 1 x 1 for a scalar)."""

@@ -65,7 +65,7 @@ class Matrix:
 
     @staticmethod
     def identity(size: int) -> Matrix:
-        return Matrix.from_rows([[int(i == j) for j in range(size)] for i in range(size)])
+        return Matrix(fmpq_mat(size, size, [int(i == j) for i in range(size) for j in range(size)]))
 
     @staticmethod
     def diagonal(entries: Sequence[Scalar]) -> Matrix:

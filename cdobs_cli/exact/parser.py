@@ -39,6 +39,8 @@ MAX_DENOMINATOR = 10**6
 _OPERATIONS: Mapping[type[ast.operator], Callable[[Expression, Expression], Expression]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: typed_product, ast.Div: operator.truediv,
 }  # fmt: skip
+# A decimal, or a quotient of one by a whole number: most of what artefacts hold, and quick to read.
+_PLAIN = re.compile(r"(-?(?:0|[1-9]\d*)(?:\.\d+)?(?:[eE][+-]?\d+)?)(?:/([1-9]\d*))?\Z", re.ASCII)
 _NUMBER = re.compile(r"(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\Z", re.ASCII)
 
 
@@ -71,13 +73,16 @@ def parse(
         raise ExpressionError(f"an expression has at most {MAX_LENGTH} characters, this one {len(text)}")
     if not text.isascii() or not text.isprintable():
         raise _not_plain(text)
+    source = text.strip()
+    plain = _PLAIN.match(source)
+    if plain is not None:
+        return Number(_quotient(*plain.groups()))
     depth = deepest = 0
     for character in text:
         depth += (character in "([{") - (character in ")]}")
         deepest = max(deepest, depth)
     if deepest > MAX_DEPTH or re.search(r"([-+~]\s*){20}|(not\s+){20}", text):
         raise ExpressionError(f"an expression is nested at most {MAX_DEPTH} deep")
-    source = text.strip()
     if not source:
         raise ExpressionError("an expression is expected, the text is empty")
     try:
@@ -93,6 +98,14 @@ def parse(
         raise ExpressionError("an expression that is too large once its parameters are put in") from None
     except (RecursionError, MemoryError, ValueError, OverflowError):
         raise ExpressionError("an expression that cannot be read") from None
+
+
+def _quotient(decimal: str, whole: str | None) -> Fraction:
+    value = read_decimal(decimal)
+    if whole is not None:
+        value /= read_decimal(whole, len(decimal) + 1)
+        check_size(value)
+    return value
 
 
 _SIGNS = {"\u00b2": "**2", "\u00b3": "**3", "\u00b7": "*", "\u00d7": "*", "\u2212": "-", "\u221a": "sqrt"}
