@@ -39,6 +39,7 @@ def largest_margin(
     thousands. Inequalities that are homogeneous in the unknowns need a `normalise`.
 
     Args:
+        inequality: by +, -, products, .T and `block`, so that it takes stacks of matrices.
         margins: over all members at once, where that is quicker than the least eigenvalue of each inequality.
         memory: the members that bound in the search before, by what was searched: this one starts from them.
 
@@ -69,9 +70,11 @@ def margin_and_binding(
     program = Program({**unknowns, "t": full(1, 1)})
     zeros = {name: unknown.matrix(np.zeros(unknown.size)) for name, unknown in unknowns.items()}
 
+    stacks = _units(unknowns)
+
     def above(form: Callable[[Values], Array]) -> None:
-        unit = np.eye(len(form(zeros)))
-        program.require(lambda x: form(x) - unit * x["t"])
+        offset = form(zeros)
+        program.require_read(offset, np.concatenate([form(stacks) - offset, -np.eye(len(offset))[None]]))
 
     for form in positive:
         above(form)
@@ -103,6 +106,25 @@ def margin_and_binding(
 def _least(x: Values, inequality: Callable[[Values, Any], Array], members: Sequence[Any]) -> Array:
     eigenvalues: Array = np.linalg.eigvalsh(np.array([inequality(x, member) for member in members]))[:, 0]
     return eigenvalues
+
+
+class _Stack(np.ndarray[Any, np.dtype[np.float64]]):
+    """Matrices (k, rows, columns) of which each is transposed."""
+
+    @property
+    def T(self) -> Any:
+        return self.swapaxes(-1, -2)
+
+
+def _units(unknowns: Mapping[str, Unknown]) -> dict[str, Any]:
+    """The unknowns at all unit vectors at once: all 0 but for one free entry of one of them."""
+    starts = np.cumsum([0, *(unknown.size for unknown in unknowns.values())])
+    stacks = {}
+    for start, (name, unknown) in zip(starts, unknowns.items(), strict=False):
+        stack = np.zeros((starts[-1], unknown.rows, unknown.columns))
+        stack[start : start + unknown.size] = unknown.units
+        stacks[name] = stack.view(_Stack)
+    return stacks
 
 
 def _spread(count: int) -> list[int]:

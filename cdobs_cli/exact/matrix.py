@@ -168,7 +168,7 @@ def _positions(index: Any, size: int) -> list[int]:
 
 
 def block(rows: Sequence[Sequence[T]]) -> T:
-    """A block matrix of numpy arrays, Matrix objects, or cvxpy expressions."""
+    """A block matrix of numpy arrays or stacks of them, Matrix objects, or cvxpy expressions."""
     parts: list[list[Any]] = [list(row) for row in rows]
     if isinstance(parts[0][0], Matrix):
         lines = [line for row in parts for line in zip(*(part.tolist() for part in row), strict=True)]
@@ -178,7 +178,10 @@ def block(rows: Sequence[Sequence[T]]) -> T:
 
     if all(isinstance(part, np.ndarray) for row in parts for part in row):
         # `np.block` takes several times as long for a few small parts.
-        return np.concatenate([np.concatenate(row, axis=1) for row in parts])  # type: ignore[return-value]
+        count = next((len(part) for row in parts for part in row if part.ndim == 3), 0)
+        if count:  # stacks of matrices
+            parts = [[np.broadcast_to(part, (count, *part.shape[-2:]), subok=True) for part in row] for row in parts]
+        return np.concatenate([np.concatenate(row, axis=-1) for row in parts], axis=-2)  # type: ignore[return-value]
     import cvxpy
 
     stacked: T = cvxpy.bmat(parts)
