@@ -23,8 +23,13 @@ ON_GRID, BEFORE, AFTER = 0, 1, 2
 def grid_times(horizon: float, width: int, runs: int) -> Array:
     """Common, equally spaced times 0 .. horizon of so many runs of `width` numbers each."""
     if runs > SHOWN:
-        return np.linspace(0.0, horizon, GRID_OF_MANY)
+        return grid_of_many(horizon)
     return np.linspace(0.0, horizon, max(SMALLEST_GRID, min(GRID_POINTS, BUDGET // (width * runs))))
+
+
+def grid_of_many(horizon: float) -> Array:
+    """Those of more runs than are all shown."""
+    return np.linspace(0.0, horizon, GRID_OF_MANY)
 
 
 def sides_of_one(width: int, runs: int) -> int:

@@ -32,13 +32,14 @@ def summarise(loop: ClosedLoop, watch: Watch, paths: Paths, samples: Samples) ->
 def trajectory(loop: ClosedLoop, watch: Watch, paths: Paths, samples: Samples, run: int) -> Trajectory:
     """What is shown of one run."""
     own, sampled = _own(paths.offsets, run), _own(samples.offsets, run)
-    t, z = paths.t[own], paths.z[:, own]
+    # Copies: what is shown must not keep the other runs in memory.
+    t, z = paths.t[own].copy(), paths.z[:, own].copy()
     seen = loop.see(t, z[: loop.size], z[loop.size :])
     inputs = {source.name: seen.signals[source.name] for source in loop.plant.inputs}
     inputs |= {name: values for name, values in seen.signals.items() if name.startswith("d.")}
     estimates = {name: rows.T for name, rows in seen.estimates.items()}
-    t_k, y_k = samples.t[sampled], samples.y[:, sampled].T
-    arrival = None if samples.arrival is None else samples.arrival[:, sampled].T
+    t_k, y_k = samples.t[sampled].copy(), samples.y[:, sampled].copy().T
+    arrival = None if samples.arrival is None else samples.arrival[:, sampled].copy().T
     return Trajectory(t, seen.x.T, estimates, dict(seen.internals), t_k, y_k, inputs, watch.stopped[run], arrival)
 
 

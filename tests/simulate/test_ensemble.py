@@ -115,6 +115,33 @@ def test_the_worst_run_is_the_first_that_ends_early_or_errs_most(tmp_path):
     assert worst_of(stopped) == 33
 
 
+def test_what_is_shown_is_kept_when_it_is_made(tmp_path, monkeypatch):
+    asked = []
+    batch = module._Ensemble.batch
+    monkeypatch.setattr(
+        module._Ensemble, "batch", lambda self, first, count: asked.append(first) or batch(self, first, count)
+    )
+    made(tmp_path, batch=16)
+    assert sorted(asked) == [0, 16, 32, 48, 64]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_worst_run_is_among_those_kept_of_its_batch(tmp_path, seed):
+    sizes = np.random.default_rng(seed).integers(1, 4, (70, 3)).astype(float)  # many are alike
+    every = [
+        replace(
+            one, stopped="it grew" if seed > 5 and row[2] > 2 else None, rmse={"theta": row[2], "omega": 0.5},
+            rmse_after_transient=dict(zip(("theta", "omega"), row * (seed not in (2, 3)), strict=False)),
+        )
+        for one, row in zip(made(tmp_path).summaries, sizes, strict=True)
+    ]  # fmt: skip
+    kept = set()
+    for first in range(0, 70, 14):
+        kept |= module._may_be_worst(dict(enumerate(every[first : first + 14], first)))
+    assert worst_of(every) in kept
+    assert worst_of(every) in module._may_be_worst({number: every[number] for number in sorted(kept)})
+
+
 def test_runs_that_diverge_are_counted_and_their_percentiles_are_infinite(tmp_path, path):
     system = pendulum(["1", "-40"])
     run = made(tmp_path, system, many(40, "30"), system.plant.sampling)
