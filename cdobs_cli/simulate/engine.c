@@ -269,9 +269,14 @@ static double polished(const Run *run, const double c[7][SIZE], const double *k,
     for (int pass = 0; pass < 2; pass++) {
         trigger(run->t + s, state, run->held, value);
         double change = -value[0] / slope;
-        if (fabs(change) <= 1e-6 * h)
-            s += change;
-        step(run->t, s, run->y, run->held, run->floor_, slopes, state, &error);
+        if (!(fabs(change) <= ROOT_FAR * h))
+            break;
+        s += change;
+        if (fabs(change) <= ROOT_NEAR * h)
+            for (int i = 0; i < SIZE; i++)
+                state[i] += change * slopes[12][i];
+        else
+            step(run->t, s, run->y, run->held, run->floor_, slopes, state, &error);
     }
     return s;
 }

@@ -6,6 +6,7 @@ the trajectory. Batches are parts on disk while it goes on, so that a killed sim
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 from collections import deque
@@ -29,7 +30,7 @@ from cdobs_cli.simulate.engine import Batch, simulate, simulate_batch
 from cdobs_cli.simulate.record import SHOWN, grid_of_many
 from cdobs_cli.simulate.stiffness import MAX_RUNS
 from cdobs_cli.simulate.summary import overall
-from cdobs_cli.store import digest, write_atomically
+from cdobs_cli.store import write_atomically
 
 Shown = dict[int, Trajectory]  # by number of the run
 Made = tuple[list[RunSummary], int, int, Shown]  # figures, the most steps of a run, stiff runs, what may be shown
@@ -135,8 +136,7 @@ class _Ensemble:
             self.parts.folder.mkdir(parents=True, exist_ok=True)
             np.save(self._path(first, "npy"), errors)
         # The document last: a part counts as there when it is.
-        content = {**document, "sha256": digest(document)}
-        write_atomically(self._path(first, "json"), json.dumps(content).encode())
+        write_atomically(self._path(first, "json"), _sealed(json.dumps(document)).encode())
         kept = {number for number in range(DRAWN) if first <= number < first + count}
         kept |= _may_be_worst(dict(enumerate(batch.summaries, first)))
         shown = {number: batch.trajectory(number - first) for number in sorted(kept)}
@@ -148,9 +148,11 @@ class _Ensemble:
     def _stored(self, first: int, count: int) -> Made | None:
         """None where there is none of this key, or it is damaged."""
         try:
-            document = json.loads(self._path(first, "json").read_text(encoding="ascii"))
-            named = document.pop("sha256")
-            if named != digest(document) or document["from"] != {**self.parts.key, "first": first, "count": count}:
+            content = self._path(first, "json").read_text(encoding="ascii")
+            document = json.loads(content)
+            del document["sha256"]
+            is_whole = content == _sealed(json.dumps(document))
+            if not is_whole or document["from"] != {**self.parts.key, "first": first, "count": count}:
                 return None
             errors = self._path(first, "npy")
             if errors.exists() and np.load(errors, mmap_mode="r").shape[0] != count:
@@ -197,6 +199,11 @@ class _Ensemble:
                 # Of runs that came to no end the error is infinite: `lower` never takes the mean of two.
                 values[state, :, start : start + width] = np.percentile(chunk, LEVELS, axis=0, method="lower")
         return Bands(times, LEVELS, dict(zip(states, values, strict=True)))
+
+
+def _sealed(text: str) -> str:
+    """A JSON object with the sha256 of its text before all else."""
+    return f'{{"sha256": "{hashlib.sha256(text.encode()).hexdigest()}", {text[1:]}'
 
 
 def _on_grid(batch: Batch) -> Array | None:

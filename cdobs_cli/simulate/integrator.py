@@ -166,8 +166,9 @@ class OneRun:
         columns = (np.array(part)[..., None] for part in of_states)
         return bool(self._stiffness.found(runs, np.array([h]), *columns)[0])
 
-    def _part(self, t: float, y: Any, k: Any, held: Any, floor: Any, s: Array) -> Array:
-        return np.array(self._try(t, float(s[0]), y, k, held, floor)[0])[:, None]
+    def _part(self, t: float, y: Any, k: Any, held: Any, floor: Any, s: Array) -> tuple[Array, Array]:
+        new, last, _, _ = self._try(t, float(s[0]), y, k, held, floor)
+        return np.array(new)[:, None], np.array(last)[:, None]
 
     def _dense(self, t: float, h: float, y: Any, new: Any, slopes: Any, held: Any) -> Array:
         try:
@@ -244,8 +245,8 @@ class ManyRuns:
             live = live[unended & ~exhausted]
         return codes
 
-    def _part(self, t: Array, y: Array, k: Array, held: Array, floor: Array, s: Array) -> Array:
-        return method.array_step(self._slope, t, s, y, k, held, floor)[0]
+    def _part(self, t: Array, y: Array, k: Array, held: Array, floor: Array, s: Array) -> tuple[Array, Array]:
+        return method.array_step(self._slope, t, s, y, k, held, floor)[:2]
 
 
 def _next_steps(error: Array) -> Array:
