@@ -16,6 +16,7 @@ import numpy as np
 from cdobs_cli.arrays import Array, Integers
 from cdobs_cli.simulate import dormand_prince as method
 from cdobs_cli.simulate.loop import ClosedLoop
+from cdobs_cli.simulate.postponed import Postponed
 from cdobs_cli.simulate.stiffness import LOOK, Stiffness
 from cdobs_cli.simulate.trigger import Along
 
@@ -79,6 +80,7 @@ class OneRun:
         self._step = method.scalar_step(self._flow, loop.size)
         self._interpolant = method.scalar_dense_output(self._flow, loop.size)
         self._stiffness = Stiffness(1, 1, max_steps)
+        self.postponed = Postponed(loop)
 
     def advance(self, runs: Integers, progress: Progress, ends: Array, grid: Grid, watch: Watch) -> Integers:
         """Flow the run to its end; returns the End code, shape (1,)."""
@@ -118,20 +120,16 @@ class OneRun:
             until = end if tried == left else t + tried
             looked = steps % LOOK == 0 and self._stiffness.worth_a_look(left, self.horizon - t, tried)
             stiff = looked and self._stiff(runs, tried, y, new, slopes, floor)
-            if triggered or grid.next_time(0) <= until:
-                coefficients = self._dense(t, tried, y, new, slopes, held)
-                before = np.array(y)
-                if triggered:
-                    step = coefficients[:, :, None], before[:, None], np.array([t]), np.array([tried]), progress.held
-                    along = Along(self.loop.trigger, *step)
-                    theta = along.first_root()
-                    if theta[0] <= 1.0:
-                        part, new = along.polished(partial(self._part, t, y, k, held, floor), theta)
-                        until, new, code = t + float(part[0]), tuple(new[:, 0].tolist()), End.TRIGGERED
-                points, places = grid.take(0, until)
-                if len(points):
-                    states = method.interpolate_one(coefficients, before, (points - t) / tried)
-                    grid.put(0, places, states, progress.held)
+            whole = t, tried, y, new, slopes, held
+            if triggered:
+                step = self._dense(*whole), np.array(y)[:, None], np.array([t]), np.array([tried]), progress.held
+                along = Along(self.loop.trigger, *step)
+                theta = along.first_root()
+                if theta[0] <= 1.0:
+                    part, at_root = along.polished(partial(self._part, t, y, k, held, floor), theta)
+                    until, new, code = t + float(part[0]), tuple(at_root[:, 0].tolist()), End.TRIGGERED
+            if grid.next_time(0) <= until:
+                self.postponed.add_one(grid, grid.take(0, until)[1], *whole)
             h, t, y, k = suggested, until, new, last
             seen_t.append(t)
             seen_y.append(y)
@@ -172,9 +170,9 @@ class OneRun:
 
     def _dense(self, t: float, h: float, y: Any, new: Any, slopes: Any, held: Any) -> Array:
         try:
-            return np.array(self._interpolant(t, h, y, new, slopes, held), dtype=float)
+            return np.array(self._interpolant(t, h, y, new, slopes, held), dtype=float)[:, :, None]
         except (ArithmeticError, ValueError, TypeError):
-            return np.full((7, len(y)), np.nan)
+            return np.full((7, len(y), 1), np.nan)
 
 
 class ManyRuns:
@@ -184,6 +182,7 @@ class ManyRuns:
         self.loop, self.horizon, self.max_steps = loop, horizon, max_steps
         self._slope = loop.array_flow()
         self._stiffness = Stiffness(runs, together, max_steps)
+        self.postponed = Postponed(loop)
 
     def advance(self, runs: Integers, progress: Progress, ends: Array, grid: Grid, watch: Watch) -> Integers:
         """Flow the given runs to their ends (len(runs),); returns an End code for each."""
@@ -215,20 +214,20 @@ class ManyRuns:
             codes[live[singular]] = End.SINGULAR
             until = np.where(tried == left, ends[live], t + tried)
             w = np.flatnonzero(good)
-            if w.size and (triggered or grid.is_due(ids[w], until[w]).any()):
-                along_step = t[w], tried[w], y[:, w], new[:, w], slopes[:, :, w]
-                coefficients = method.dense_output(partial(self._slope, held=held[:, w]), *along_step)
-                if triggered:
-                    along = Along(self.loop.trigger, coefficients, y[:, w], t[w], tried[w], held[:, w])
-                    theta = along.first_root()
-                    hit = np.flatnonzero(theta <= 1.0)
-                    if hit.size:
-                        at = w[hit]
-                        part_of = partial(self._part, t[at], y[:, at], k[:, live[at]], held[:, at], floor[:, live[at]])
-                        part, state = along.of(hit).polished(part_of, theta[hit])
-                        until[at], new[:, at] = t[at] + part, state
-                        codes[live[at]], done[at] = End.TRIGGERED, True
-                grid.fill(ids[w], until[w], t[w], tried[w], coefficients, y[:, w], held[:, w])
+            whole = t[w], tried[w], y[:, w], new[:, w], slopes[:, :, w], held[:, w]
+            if triggered and w.size:
+                t_w, tried_w, y_w, new_w, slopes_w, held_w = whole
+                coefficients = method.dense_output(partial(self._slope, held=held_w), *whole[:-1])
+                along = Along(self.loop.trigger, coefficients, y_w, t_w, tried_w, held_w)
+                theta = along.first_root()
+                hit = np.flatnonzero(theta <= 1.0)
+                if hit.size:
+                    at = w[hit]
+                    part_of = partial(self._part, t[at], y[:, at], k[:, live[at]], held[:, at], floor[:, live[at]])
+                    part, state = along.of(hit).polished(part_of, theta[hit])
+                    until[at], new[:, at] = t[at] + part, state
+                    codes[live[at]], done[at] = End.TRIGGERED, True
+            self.postponed.add(grid, ids[w], until[w], *whole)
             worth = good & (progress.steps[ids] % LOOK == 0) & ~done
             looked = np.flatnonzero(worth & self._stiffness.worth_a_look(left, self.horizon - t, tried))
             if looked.size:

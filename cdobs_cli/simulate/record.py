@@ -3,13 +3,13 @@ every measurement."""
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from cdobs_cli.arrays import Array, Booleans, Integers
-from cdobs_cli.simulate.dormand_prince import interpolate
 
 GRID_POINTS = 2001  # of one run; fewer for many
 SHOWN = 32  # runs that are all shown; of more some are, and the others are counted
@@ -50,40 +50,29 @@ class Grid:
 
     def __init__(self, times: Array, size: int, held: int, runs: int) -> None:
         self.times = np.append(times, np.inf)
+        self._times = self.times.tolist()
         self.size, self.z = size, np.empty((runs, size + held, len(times)))
         self.due = np.zeros(runs, dtype=np.int64)
 
     def next_time(self, run: int) -> float:
         return float(self.times[self.due[run]])
 
-    def is_due(self, runs: Integers, until: Array) -> Booleans:
-        due: Booleans = self.times[self.due[runs]] <= until
-        return due
-
     def take(self, run: int, until: float) -> tuple[Array, slice]:
         """Times up to `until` that are still empty for this run, and their places; they count as filled."""
-        first, last = int(self.due[run]), int(np.searchsorted(self.times, until, side="right"))
-        self.due[run] = max(first, last)
-        return self.times[first : max(first, last)], slice(first, max(first, last))
+        first = int(self.due[run])
+        self.due[run] = last = max(first, bisect_right(self._times, until))
+        return self.times[first:last], slice(first, last)
+
+    def advance(self, runs: Integers, until: Array) -> tuple[Integers, Integers]:
+        """Of each run the first place that is still empty, and the one after the last up to `until` (R',); those between
+        count as filled."""
+        first = self.due[runs]
+        self.due[runs] = last = np.maximum(first, np.searchsorted(self.times, until, side="right"))
+        return first, last
 
     def put(self, run: int, places: slice, y: Array, held: Array) -> None:
         """y (n, places), held (c, 1)."""
         self.z[run, : self.size, places], self.z[run, self.size :, places] = y, held
-
-    def fill(
-        self, runs: Integers, until: Array, t: Array, h: Array, coefficients: Array, y: Array, held: Array
-    ) -> None:
-        """Read all times up to `until` (R',) from the dense output of steps that began at t (R',)."""
-        while True:
-            due = np.flatnonzero(self.times[self.due[runs]] <= until)
-            if not due.size:
-                return
-            ids = runs[due]
-            places = self.due[ids]
-            theta = (self.times[places] - t[due]) / h[due]
-            states = interpolate(coefficients[:, :, due], y[:, due], theta)
-            self.z[ids, :, places] = np.concatenate([states, held[:, due]]).T
-            self.due[ids] += 1
 
 
 @dataclass
