@@ -3,7 +3,6 @@ slopes, and few steps at a time cost more in calls than in arithmetic."""
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ class Postponed:
     def __init__(self, loop: ClosedLoop) -> None:
         self._slope, self._size = loop.array_flow(), loop.size
         self._single: list[tuple[Any, ...]] = []
-        self._many: list[tuple[Array, ...]] = []
+        self._many: list[tuple[Any, ...]] = []
         self._kept = 0
 
     def add_one(self, grid: Grid, places: slice, *step: Any) -> None:
@@ -58,7 +57,7 @@ class Postponed:
         self, grid: Grid, runs: Integers, first: Integers, last: Integers, t: Array, h: Array, y: Array, new: Array,
         slopes: Array, held: Array,
     ) -> None:  # fmt: skip
-        coefficients = method.dense_output(partial(self._slope, held=held), t, h, y, new, slopes)
+        coefficients = method.dense_output(self._slope, t, h, y, new, slopes, held)
         counts = last - first
         step = np.repeat(np.arange(len(t)), counts)
         places = np.arange(len(step)) + np.repeat(first - np.cumsum(counts) + counts, counts)

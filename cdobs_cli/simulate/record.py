@@ -64,8 +64,8 @@ class Grid:
         return self.times[first:last], slice(first, last)
 
     def advance(self, runs: Integers, until: Array) -> tuple[Integers, Integers]:
-        """Of each run the first place that is still empty, and the one after the last up to `until` (R',); those between
-        count as filled."""
+        """Of each run the first place that is still empty, and the one after the last up to `until` (R',); those
+        between count as filled."""
         first = self.due[runs]
         self.due[runs] = last = np.maximum(first, np.searchsorted(self.times, until, side="right"))
         return first, last
