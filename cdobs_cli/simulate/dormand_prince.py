@@ -26,8 +26,13 @@ ATOL = 1e-12  # of the size a state has reached
 SMALLEST_SHARE = 1e-2
 C, A, E5, E3, D = (TABLEAU[name] for name in ("C", "A", "E5", "E3", "D"))
 C_EXTRA, A_EXTRA = TABLEAU["C_extra"], TABLEAU["A_extra"]
-_A, _A_EXTRA = ([np.array(row) for row in rows] for rows in (A, A_EXTRA))
-_E5, _E3, _D = np.array(E5), np.array(E3), np.array(D)
+_A = [np.array(row) for row in A]
+_E5, _E3 = np.array(E5), np.array(E3)
+# The slopes of a step that dense output reads, the three further ones after them.
+READ = [j for j in range(13) if any(row[j] for row in D)]
+_WIDE = [*READ, 13, 14, 15]
+_A_EXTRA = [np.array(row)[_WIDE[: len(READ) + extra]] for extra, row in enumerate(A_EXTRA)]
+_D = [np.array(row)[_WIDE] for row in D]
 _TIMES = np.array([*C[1:12], 1.0])[:, None]
 # f(t (R,), y (n, R), held (c, R), out (n, R) or None): the slope, in `out` where that is given.
 Slope = Callable[..., Array]
@@ -152,14 +157,15 @@ def _squares(parts: Array, scale: Array) -> Array:
 def dense_output(slope: Slope, t: Array, h: Array, y: Array, new: Array, slopes: Array, held: Array) -> Array:
     """The seven coefficients of the polynomial between y and new; three more slopes are evaluated.
 
-    Shapes as in `array_step`, slopes (13, n, R); returns (7, n, R), to be read by `interpolate`.
+    Shapes as in `array_step`, slopes (len(READ), n, R); returns (7, n, R), to be read by `interpolate`.
     """
-    every = np.empty((16, *y.shape))
-    every[:13] = slopes
-    flat, coefficients = every.reshape(16, -1), np.empty((7, *y.shape))
-    for s, c, row in zip((13, 14, 15), C_EXTRA, _A_EXTRA, strict=True):
+    known = len(READ)
+    every, coefficients = np.empty((known + 3, *y.shape)), np.empty((7, *y.shape))
+    every[:known] = slopes
+    flat = every.reshape(known + 3, -1)
+    for s, (c, row) in enumerate(zip(C_EXTRA, _A_EXTRA, strict=True), known):
         slope(t + c * h, y + h * _weighted(row, flat[:s]).reshape(y.shape), held, every[s])
-    change, first, last = new - y, every[0], every[12]
+    change, first, last = new - y, every[0], every[READ.index(12)]
     coefficients[:3] = change, h * first - change, 2 * change - h * (last + first)
     for coefficient, row in zip(coefficients[3:], _D, strict=True):
         np.multiply(h, _weighted(row, flat).reshape(y.shape), out=coefficient)

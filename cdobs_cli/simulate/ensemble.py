@@ -36,7 +36,7 @@ Shown = dict[int, Trajectory]  # by number of the run
 Made = tuple[list[RunSummary], int, int, Shown]  # figures, the most steps of a run, stiff runs, what may be shown
 LEVELS = (5.0, 25.0, 50.0, 75.0, 95.0, 100.0)  # percent
 DRAWN = 20  # of many runs, from the first on; the worst is drawn too
-RUNS = 500  # of a batch
+RUNS, RUNS_OF_ARRAYS = 500, 1000  # of a batch: arrays take as many calls for more
 COMPILED_FROM = MAX_RUNS  # runs; of fewer, those that are stiff go on implicitly, which arrays know
 _AT_ONCE = 4_000_000  # numbers of all runs that percentiles are taken of in one go
 _CHECKED_RUNS, _AGREES = 4, 1e-6
@@ -56,7 +56,7 @@ class Parts:
 
 
 def ensemble(
-    system: HybridSystem, plan: SimulationPlan, law: SamplingLaw, parts: Parts, *, runs_of_a_batch: int = RUNS
+    system: HybridSystem, plan: SimulationPlan, law: SamplingLaw, parts: Parts, *, runs_of_a_batch: int | None = None
 ) -> Run:
     """As `simulate`; of more than SHOWN runs the first are shown, and the worst. The same bits for any batch and any
     number of workers.
@@ -71,7 +71,7 @@ def ensemble(
         shutil.rmtree(parts.folder, ignore_errors=True)
     compiled = _compiled(system, plan, law) if plan.runs > COMPILED_FROM else None
     made = _Ensemble(system, plan, law, parts, compiled)
-    starts = _starts(plan.runs, runs_of_a_batch)
+    starts = _starts(plan.runs, runs_of_a_batch or (RUNS if compiled else RUNS_OF_ARRAYS))
     summaries: list[RunSummary] = []
     shown: Shown = {}
     steps = implicit = 0

@@ -277,7 +277,7 @@ class ManyRuns:
     ) -> tuple[Integers, Array, Array]:
         """Of the lanes `at` those whose trigger is reached within their steps, when, and the states there."""
         t, h, y, held = lanes.t[at], tried[at], lanes.y[:, at], lanes.held[:, at]
-        coefficients = method.dense_output(self._slope, t, h, y, new[:, at], slopes[:, :, at], held)
+        coefficients = method.dense_output(self._slope, t, h, y, new[:, at], slopes[method.READ][:, :, at], held)
         along = Along(self.loop.trigger, coefficients, y, t, h, held)
         theta = along.first_root()
         hit = np.flatnonzero(theta <= 1.0)

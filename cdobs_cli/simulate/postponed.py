@@ -34,7 +34,9 @@ class Postponed:
         first, last = grid.advance(runs, until)
         due = np.flatnonzero(last > first)
         if due.size:
-            self._many.append((runs[due], first[due], last[due], *(part[..., due] for part in step)))
+            t, h, y, new, slopes, held = step
+            states = y[:, due], new[:, due], slopes[method.READ].take(due, axis=2), held[:, due]
+            self._many.append((runs[due], first[due], last[due], t[due], h[due], *states))
             self._count(grid, due.size)
 
     def _count(self, grid: Grid, steps: int) -> None:
@@ -47,8 +49,8 @@ class Postponed:
         if self._single:
             columns = [np.array(column) for column in zip(*self._single, strict=True)]
             first, last, t, h = columns[:4]
-            states = (np.moveaxis(column, 0, -1) for column in columns[4:])
-            self._read(grid, np.zeros(len(t), dtype=np.int64), first, last, t, h, *states)
+            y, new, slopes, held = (np.moveaxis(column, 0, -1) for column in columns[4:])
+            self._read(grid, np.zeros(len(t), dtype=np.int64), first, last, t, h, y, new, slopes[method.READ], held)
         if self._many:
             self._read(grid, *(np.concatenate(parts, axis=-1) for parts in zip(*self._many, strict=True)))
         self._single, self._many, self._kept = [], [], 0
