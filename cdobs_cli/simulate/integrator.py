@@ -225,8 +225,9 @@ class ManyRuns:
         floor = progress.floor(runs)
         k = self._slope(*progress.at(runs))
         fresh = np.flatnonzero(progress.h[runs] <= 0)
-        for i in fresh:
-            progress.h[runs[i]] = first_step(progress.y[:, runs[i]], k[:, i], floor[:, i], self.horizon)
+        if fresh.size:
+            at_start = progress.y[:, runs[fresh]], k[:, fresh], floor[:, fresh]
+            progress.h[runs[fresh]] = first_steps(*at_start, self.horizon)
         codes[~np.isfinite(k).all(axis=0)] = End.SINGULAR
         # The states just after a jump have not been looked at yet.
         codes[watch(runs, *progress.at(runs))[runs]] = End.HALTED
@@ -300,10 +301,15 @@ def _next_steps(error: Array) -> Array:
     return np.where(np.isfinite(error), factor, 0.2)
 
 
-def first_step(y: Array, k: Array, floor: Array, horizon: float) -> float:
-    """A cautious first step: the state changes by about a hundredth of its size."""
+def first_steps(y: Array, k: Array, floor: Array, horizon: float) -> Array:
+    """Cautious first steps (R,): the state changes by about a hundredth of its size; y, k, floor (n, R)."""
     scale = floor + method.RTOL * np.abs(y)
-    size, rate = float(np.max(np.abs(y) / scale)), float(np.max(np.abs(k) / scale))
-    if not np.isfinite(rate) or rate == 0.0:
-        return 1e-3 * horizon
-    return min(1e-3 * horizon, 0.01 * size / rate) if size > 0 else 1e-6 * horizon
+    size, rate = (np.abs(y) / scale).max(axis=0), (np.abs(k) / scale).max(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        by_size = np.where(size > 0, np.minimum(1e-3 * horizon, 0.01 * size / rate), 1e-6 * horizon)
+    return np.where(np.isfinite(rate) & (rate != 0), by_size, 1e-3 * horizon)
+
+
+def first_step(y: Array, k: Array, floor: Array, horizon: float) -> float:
+    """The same of one run: y, k, floor (n,)."""
+    return float(first_steps(y[:, None], k[:, None], floor[:, None], horizon)[0])
