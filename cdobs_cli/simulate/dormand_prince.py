@@ -24,6 +24,7 @@ RTOL = 1e-11
 ATOL = 1e-12  # of the size a state has reached
 # A state that is small beside the others is resolved down to this share of the largest: below it lies rounding.
 SMALLEST_SHARE = 1e-2
+AT_AN_END = 1e-12  # of a step: a point so close to one of its ends has the state there
 C, A, E5, E3, D = (TABLEAU[name] for name in ("C", "A", "E5", "E3", "D"))
 C_EXTRA, A_EXTRA = TABLEAU["C_extra"], TABLEAU["A_extra"]
 _A = [np.array(row) for row in A]

@@ -33,10 +33,19 @@ class Postponed:
         """Steps of many runs up to `until` (R,): t, h (R,), y, new (n, R), slopes (13, n, R), held (c, R)."""
         first, last = grid.advance(runs, until)
         due = np.flatnonzero(last > first)
+        if not due.size:
+            return
+        t, h, y, new, slopes, held = step
+        theta = (grid.times[first[due]] - t[due]) / h[due]
+        at_end = theta >= 1.0 - method.AT_AN_END
+        at_state = at_end | ((theta <= method.AT_AN_END) & (last[due] == first[due] + 1))
+        here, due, at_end = due[at_state], due[~at_state], at_end[at_state]
+        if here.size:
+            states = np.where(at_end, new[:, here], y[:, here])
+            grid.z[runs[here], :, first[here]] = np.concatenate([states, held[:, here]]).T
         if due.size:
-            t, h, y, new, slopes, held = step
-            states = y[:, due], new[:, due], slopes[method.READ].take(due, axis=2), held[:, due]
-            self._many.append((runs[due], first[due], last[due], t[due], h[due], *states))
+            columns = y[:, due], new[:, due], slopes[method.READ].take(due, axis=2), held[:, due]
+            self._many.append((runs[due], first[due], last[due], t[due], h[due], *columns))
             self._count(grid, due.size)
 
     def _count(self, grid: Grid, steps: int) -> None:

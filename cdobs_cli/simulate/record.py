@@ -196,8 +196,9 @@ def paths(log: Log, samples: Samples, most: int, spacing: float, size: int, fina
     are not finite, unless the run has no others, and of the jumps of a run all but `most`, evenly.
     """
     runs = len(final_t)
-    every = stride(np.diff(samples.offsets), most)[log.run]
-    kept = (log.t <= final_t[log.run]) & ((log.kind == ON_GRID) | (log.index % every == 0))
+    every, kept = stride(np.diff(samples.offsets), most), log.t <= final_t[log.run]
+    if (every > 1).any():
+        kept &= (log.kind == ON_GRID) | (log.index % every[log.run] == 0)
     kept[kept] = ~_beside_a_jump(log.run[kept], log.kind[kept], log.t[kept], 1e-9 * spacing)
     run, t, z = log.run[kept], log.t[kept], log.z[:, kept]
     early = np.flatnonzero(~(t[_offsets(run, runs)[1:] - 1] >= final_t))
@@ -205,11 +206,12 @@ def paths(log: Log, samples: Samples, most: int, spacing: float, size: int, fina
     if early.size:
         run, t = np.insert(run, at, early), np.insert(t, at, final_t[early])
         z = np.insert(z, at, final_z[:, early], axis=1)
-    finite = np.isfinite(z[:size]).all(axis=0)
+    is_finite = np.isfinite(z[:size])
+    if is_finite.all():
+        return Paths(_offsets(run, runs), t, z)
+    finite = is_finite.all(axis=0)
     has_any = np.bincount(run[finite], minlength=runs) > 0
     shown = finite | ~has_any[run]
-    if shown.all():
-        return Paths(_offsets(run, runs), t, z)
     return Paths(_offsets(run[shown], runs), t[shown], z[:, shown])
 
 
