@@ -67,6 +67,22 @@ def test_nine_states_are_summed_in_one_order(tmp_path, path):
     assert bits(one) == bits(other)
 
 
+def test_runs_that_escape_leave_the_others_as_they_are(tmp_path, path):
+    """x' = x^2 from [-1, 1]: some states are unbounded before the horizon, and end beside others that go on."""
+    system = copy_observer(plant(("x",), [[0]], ["x**2"]), ["0.5"])
+    asked = plan("3", None, [0], initial_box=box([-1], [1]), runs=37, seed=2)
+    whole = made(tmp_path, system, asked, system.plant.sampling)
+    stopped = [one.stopped is not None for one in whole.summaries]
+    assert 0 < sum(stopped) < 37
+    for batch in (2, 9):
+        assert bits(made(tmp_path, system, asked, system.plant.sampling, batch=batch)) == bits(whole)
+    start = np.array([one.x[0, 0] for one in whole.trajectories])
+    end = np.array([one.x[-1, 0] for one in whole.trajectories])
+    goes_on = start < 0
+    assert goes_on.any()
+    assert end[goes_on] == pytest.approx(start[goes_on] / (1 - 3 * start[goes_on]), rel=1e-10)
+
+
 def test_what_is_shown_of_a_run_is_that_run(tmp_path, path):
     run = made(tmp_path)
     assert run.ensemble is not None
