@@ -177,7 +177,11 @@ class Record:
         whose, where, when = np.concatenate(run), np.concatenate(kind), np.concatenate(t)
         order = np.lexsort((where, when, whose))
         return Log(
-            whose[order], where[order], np.concatenate(index)[order], when[order], np.concatenate(z, axis=1)[:, order]
+            whose[order],
+            where[order],
+            np.concatenate(index)[order],
+            when[order],
+            np.concatenate(z, axis=1).take(order, axis=1),
         )
 
     def samples(self, runs: int) -> Samples:
@@ -200,7 +204,7 @@ def paths(log: Log, samples: Samples, most: int, spacing: float, size: int, fina
     if (every > 1).any():
         kept &= (log.kind == ON_GRID) | (log.index % every[log.run] == 0)
     kept[kept] = ~_beside_a_jump(log.run[kept], log.kind[kept], log.t[kept], 1e-9 * spacing)
-    run, t, z = log.run[kept], log.t[kept], log.z[:, kept]
+    run, t, z = log.run[kept], log.t[kept], log.z.take(np.flatnonzero(kept), axis=1)
     early = np.flatnonzero(~(t[_offsets(run, runs)[1:] - 1] >= final_t))
     at = _offsets(run, runs)[early + 1]
     if early.size:
