@@ -19,6 +19,7 @@ MAX_DEPTH = 64
 LARGEST_INTEGER = 2**63
 # Of a field's metadata: its name in the document, where that differs; and whether it may be left out there.
 KEY, OPTIONAL = "key", "optional"
+_PLAIN = frozenset({type(None), bool, int, float, str})
 
 
 class Noun:
@@ -53,6 +54,8 @@ class Artefact(Noun):
 
 
 def _written(value: Any) -> Any:
+    if type(value) in _PLAIN:
+        return value
     for write in ("document", "texts"):  # of a noun, of a matrix
         if hasattr(value, write):
             return getattr(value, write)()

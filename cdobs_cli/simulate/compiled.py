@@ -123,6 +123,7 @@ def _sizes(layout: Layout) -> dict[str, Any]:
         "RANGE": places["RANGE"], "RANGES": len(rows["RANGE"]), "LIMIT": places["LIMIT"], "LIMITS": len(rows["LIMIT"]),
         "SEEN": places["SEEN"], "RTOL": number(method.RTOL),
         "ROOT_FINE": number(trigger.FINE), "ROOT_ITERATIONS": trigger.ITERATIONS,
+        "AT_AN_END": number(method.AT_AN_END), "ROOT_FAR": number(trigger.FAR), "ROOT_NEAR": number(trigger.NEAR),
     }  # fmt: skip
 
 

@@ -24,10 +24,19 @@ RTOL = 1e-11
 ATOL = 1e-12  # of the size a state has reached
 # A state that is small beside the others is resolved down to this share of the largest: below it lies rounding.
 SMALLEST_SHARE = 1e-2
+AT_AN_END = 1e-12  # of a step: a point so close to one of its ends has the state there
 C, A, E5, E3, D = (TABLEAU[name] for name in ("C", "A", "E5", "E3", "D"))
 C_EXTRA, A_EXTRA = TABLEAU["C_extra"], TABLEAU["A_extra"]
-_A, _A_EXTRA = ([np.array(row) for row in rows] for rows in (A, A_EXTRA))
-_E5, _E3, _D = np.array(E5), np.array(E3), np.array(D)
+_A = [np.array(row) for row in A]
+_E5, _E3 = np.array(E5), np.array(E3)
+# The slopes of a step that dense output reads, the three further ones after them.
+READ = [j for j in range(13) if any(row[j] for row in D)]
+_WIDE = [*READ, 13, 14, 15]
+_A_EXTRA = [np.array(row)[_WIDE[: len(READ) + extra]] for extra, row in enumerate(A_EXTRA)]
+_D = [np.array(row)[_WIDE] for row in D]
+_TIMES = np.array([*C[1:12], 1.0])[:, None]
+# f(t (R,), y (n, R), held (c, R), out (n, R) or None): the slope, in `out` where that is given.
+Slope = Callable[..., Array]
 
 
 def scalar_step(flow: Callable[..., tuple[float, ...]], size: int) -> Callable[..., Any]:
@@ -112,40 +121,56 @@ def _weighted(weights: Array, rows: Array) -> Array:
 
 
 def array_step(
-    slope: Callable[[Array, Array, Array], Array], t: Array, h: Array, y: Array, k: Array, held: Array, floor: Array
+    slope: Slope, t: Array, h: Array, y: Array, k: Array, held: Array, floor: Array, room: Array | None = None
 ) -> tuple[Array, Array, Array, Array]:
     """The same step for many runs at once, each with its own t and h.
 
     Shapes: t, h (R,); y, k, floor (n, R); held (c, R); returns y_new (n, R), k_new (n, R), error (R,) and
-    the slopes (13, n, R). Undefined values make the error nan.
+    the slopes (13, n, R), which are written into `room` where there is one. Undefined values make the error nan.
     """
     size, runs = y.shape
-    slopes = np.empty((13, size, runs))
+    slopes = np.empty((13, size, runs)) if room is None else room
     slopes[0] = k
-    flat = slopes.reshape(13, -1)
+    flat, times = slopes.reshape(13, -1), t + _TIMES * h
     z = y
     for s in range(1, 13):
-        z = y + h * _weighted(_A[s], flat[:s]).reshape(size, runs)
-        slopes[s] = slope(t + (h if s == 12 else C[s] * h), z, held)
-    scale = floor + RTOL * np.maximum(np.abs(y), np.abs(z))
-    five = ((_weighted(_E5, flat).reshape(size, runs) / scale) ** 2).sum(axis=0)
-    three = ((_weighted(_E3, flat).reshape(size, runs) / scale) ** 2).sum(axis=0)
+        z = _weighted(_A[s], flat[:s]).reshape(size, runs)
+        z *= h
+        z += y
+        slope(times[s - 1], z, held, slopes[s])
+    scale = np.maximum(np.abs(y), np.abs(z))
+    scale *= RTOL
+    scale += floor
+    five = _squares(_weighted(_E5, flat).reshape(size, runs), scale)
+    three = _squares(_weighted(_E3, flat).reshape(size, runs), scale)
     error = np.where(five == 0, 0.0, h * five / np.sqrt((five + 0.01 * three) * size + 1e-300))
     return z, slopes[12], error, slopes
 
 
-def dense_output(slope: Callable[[Any, Array], Array], t: Any, h: Any, y: Array, new: Array, slopes: Array) -> Array:
+def _squares(parts: Array, scale: Array) -> Array:
+    """The sum of (parts / scale)^2 over the states, in the room of parts (n, R)."""
+    parts /= scale
+    parts *= parts
+    total: Array = parts.sum(axis=0)
+    return total
+
+
+def dense_output(slope: Slope, t: Array, h: Array, y: Array, new: Array, slopes: Array, held: Array) -> Array:
     """The seven coefficients of the polynomial between y and new; three more slopes are evaluated.
 
-    slopes (13, n, ..); returns (7, n, ..), to be read by `interpolate`.
+    Shapes as in `array_step`, slopes (len(READ), n, R); returns (7, n, R), to be read by `interpolate`.
     """
-    every = np.concatenate([slopes, np.empty((3, *slopes.shape[1:]))])
-    flat = every.reshape(16, -1)
-    for s, c, row in zip((13, 14, 15), C_EXTRA, _A_EXTRA, strict=True):
-        every[s] = slope(t + c * h, y + h * _weighted(row, flat[:s]).reshape(y.shape))
-    change, first, last = new - y, every[0], every[12]
-    high = h * np.array([_weighted(row, flat) for row in _D]).reshape(4, *y.shape)
-    return np.concatenate([np.array([change, h * first - change, 2 * change - h * (last + first)]), high])
+    known = len(READ)
+    every, coefficients = np.empty((known + 3, *y.shape)), np.empty((7, *y.shape))
+    every[:known] = slopes
+    flat = every.reshape(known + 3, -1)
+    for s, (c, row) in enumerate(zip(C_EXTRA, _A_EXTRA, strict=True), known):
+        slope(t + c * h, y + h * _weighted(row, flat[:s]).reshape(y.shape), held, every[s])
+    change, first, last = new - y, every[0], every[READ.index(12)]
+    coefficients[:3] = change, h * first - change, 2 * change - h * (last + first)
+    for coefficient, row in zip(coefficients[3:], _D, strict=True):
+        np.multiply(h, _weighted(row, flat).reshape(y.shape), out=coefficient)
+    return coefficients
 
 
 def interpolate(coefficients: Array, y: Array, theta: Any) -> Array:

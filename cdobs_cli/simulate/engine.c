@@ -269,9 +269,14 @@ static double polished(const Run *run, const double c[7][SIZE], const double *k,
     for (int pass = 0; pass < 2; pass++) {
         trigger(run->t + s, state, run->held, value);
         double change = -value[0] / slope;
-        if (fabs(change) <= 1e-6 * h)
-            s += change;
-        step(run->t, s, run->y, run->held, run->floor_, slopes, state, &error);
+        if (!(fabs(change) <= ROOT_FAR * h))
+            break;
+        s += change;
+        if (fabs(change) <= ROOT_NEAR * h)
+            for (int i = 0; i < SIZE; i++)
+                state[i] += change * slopes[12][i];
+        else
+            step(run->t, s, run->y, run->held, run->floor_, slopes, state, &error);
     }
     return s;
 }
@@ -285,6 +290,16 @@ static int on_grid(Run *run, double until, double h, const double c[7][SIZE])
         if (!put(run, b->grid[run->due], ON_GRID, y, run->held))
             return 0;
     }
+    return 1;
+}
+
+/* Points up to `until` that are those of a state. */
+static int at_state(Run *run, double until, const double *y)
+{
+    const Batch *b = run->b;
+    for (; run->due < b->grid_points && b->grid[run->due] <= until; run->due++)
+        if (!put(run, b->grid[run->due], ON_GRID, y, run->held))
+            return 0;
     return 1;
 }
 
@@ -325,7 +340,11 @@ static int advance(Run *run, double end)
             suggested = h;
         double until = tried == left ? end : run->t + tried;
         int code = REACHED;
-        if (b->chooses || (run->due < b->grid_points && b->grid[run->due] <= until)) {
+        double near = AT_AN_END * tried;
+        /* Points at either end of a step need no dense output. */
+        if (!at_state(run, run->t + near, run->y))
+            return HALTED;
+        if (b->chooses || (run->due < b->grid_points && b->grid[run->due] < until - near)) {
             dense(run->t, tried, run->y, run->held, slopes, new, c);
             if (b->chooses) {
                 double theta = first_root(run, (const double (*)[SIZE])c, tried);
@@ -336,7 +355,8 @@ static int advance(Run *run, double end)
             }
             if (!on_grid(run, until, tried, (const double (*)[SIZE])c))
                 return HALTED;
-        }
+        } else if (!at_state(run, until, new))
+            return HALTED;
         run->h = suggested;
         run->t = until;
         memcpy(run->y, new, sizeof new);

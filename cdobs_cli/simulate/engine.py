@@ -154,6 +154,7 @@ class _Simulation:
         # A jump at the horizon is followed by no flow that would look at it.
         left = np.flatnonzero(~watch.halted)
         watch(left, *progress.at(left))
+        self.integrator.explicit.postponed.settle(self.record.grid)
         return self.record.log(), self.record.samples(self.runs)
 
     def run_compiled(self, compiled: Compiled) -> tuple[Log, Samples] | None:

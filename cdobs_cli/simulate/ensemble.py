@@ -6,6 +6,7 @@ the trajectory. Batches are parts on disk while it goes on, so that a killed sim
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 from collections import deque
@@ -26,15 +27,16 @@ from cdobs_cli.run import Bands, Ensemble, Run, RunSummary, SimulationPlan, Traj
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.compiled import Compiled
 from cdobs_cli.simulate.engine import Batch, simulate, simulate_batch
-from cdobs_cli.simulate.record import SHOWN
+from cdobs_cli.simulate.record import SHOWN, grid_of_many
 from cdobs_cli.simulate.stiffness import MAX_RUNS
 from cdobs_cli.simulate.summary import overall
-from cdobs_cli.store import digest, write_atomically
+from cdobs_cli.store import write_atomically
 
-Made = tuple[list[RunSummary], int, int]  # figures, the most steps of a run, stiff runs
+Shown = dict[int, Trajectory]  # by number of the run
+Made = tuple[list[RunSummary], int, int, Shown]  # figures, the most steps of a run, stiff runs, what may be shown
 LEVELS = (5.0, 25.0, 50.0, 75.0, 95.0, 100.0)  # percent
 DRAWN = 20  # of many runs, from the first on; the worst is drawn too
-RUNS = 500  # of a batch
+RUNS, RUNS_OF_ARRAYS = 500, 1000  # of a batch: arrays take as many calls for more
 COMPILED_FROM = MAX_RUNS  # runs; of fewer, those that are stiff go on implicitly, which arrays know
 _AT_ONCE = 4_000_000  # numbers of all runs that percentiles are taken of in one go
 _CHECKED_RUNS, _AGREES = 4, 1e-6
@@ -54,7 +56,7 @@ class Parts:
 
 
 def ensemble(
-    system: HybridSystem, plan: SimulationPlan, law: SamplingLaw, parts: Parts, *, runs_of_a_batch: int = RUNS
+    system: HybridSystem, plan: SimulationPlan, law: SamplingLaw, parts: Parts, *, runs_of_a_batch: int | None = None
 ) -> Run:
     """As `simulate`; of more than SHOWN runs the first are shown, and the worst. The same bits for any batch and any
     number of workers.
@@ -69,14 +71,18 @@ def ensemble(
         shutil.rmtree(parts.folder, ignore_errors=True)
     compiled = _compiled(system, plan, law) if plan.runs > COMPILED_FROM else None
     made = _Ensemble(system, plan, law, parts, compiled)
-    starts = _starts(plan.runs, runs_of_a_batch)
+    starts = _starts(plan.runs, runs_of_a_batch or (RUNS if compiled else RUNS_OF_ARRAYS))
     summaries: list[RunSummary] = []
+    shown: Shown = {}
     steps = implicit = 0
-    for done, (own, most, stiff) in made.batches(starts):
+    for done, (own, most, stiff, seen) in made.batches(starts):
         summaries += own
         steps, implicit = max(steps, most), implicit + stiff
+        shown |= seen
+        kept = {*range(DRAWN), *_may_be_worst({number: summaries[number] for number in shown})}
+        shown = {number: one for number, one in shown.items() if number in kept}
         progress.doing(f"run {done} of {plan.runs}")
-    run = made.run(starts, summaries, steps, implicit)
+    run = made.run(starts, summaries, steps, implicit, shown)
     shutil.rmtree(parts.folder, ignore_errors=True)
     return run
 
@@ -130,9 +136,11 @@ class _Ensemble:
             self.parts.folder.mkdir(parents=True, exist_ok=True)
             np.save(self._path(first, "npy"), errors)
         # The document last: a part counts as there when it is.
-        content = {**document, "sha256": digest(document)}
-        write_atomically(self._path(first, "json"), json.dumps(content).encode())
-        return batch.summaries, batch.steps, batch.implicit
+        write_atomically(self._path(first, "json"), _sealed(json.dumps(document)).encode())
+        kept = {number for number in range(DRAWN) if first <= number < first + count}
+        kept |= _may_be_worst(dict(enumerate(batch.summaries, first)))
+        shown = {number: batch.trajectory(number - first) for number in sorted(kept)}
+        return batch.summaries, batch.steps, batch.implicit, shown
 
     def _path(self, first: int, suffix: str) -> Path:
         return self.parts.folder / f"{first:06}.{suffix}"
@@ -140,9 +148,11 @@ class _Ensemble:
     def _stored(self, first: int, count: int) -> Made | None:
         """None where there is none of this key, or it is damaged."""
         try:
-            document = json.loads(self._path(first, "json").read_text(encoding="ascii"))
-            named = document.pop("sha256")
-            if named != digest(document) or document["from"] != {**self.parts.key, "first": first, "count": count}:
+            content = self._path(first, "json").read_text(encoding="ascii")
+            document = json.loads(content)
+            del document["sha256"]
+            is_whole = content == _sealed(json.dumps(document))
+            if not is_whole or document["from"] != {**self.parts.key, "first": first, "count": count}:
                 return None
             errors = self._path(first, "npy")
             if errors.exists() and np.load(errors, mmap_mode="r").shape[0] != count:
@@ -151,20 +161,23 @@ class _Ensemble:
                 list(read(tuple[RunSummary, ...], document["summaries"])),
                 int(document["steps"]),
                 int(document["implicit"]),
+                {},
             )
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return None
 
-    def run(self, starts: Sequence[tuple[int, int]], summaries: list[RunSummary], steps: int, implicit: int) -> Run:
+    def run(
+        self, starts: Sequence[tuple[int, int]], summaries: list[RunSummary], steps: int, implicit: int, known: Shown
+    ) -> Run:
         worst = worst_of(summaries)
         numbers = [*range(DRAWN), *((worst,) if worst >= DRAWN else ())]
-        first = self.batch(0, DRAWN)
-        shown = [first.trajectory(number) for number in range(DRAWN)]
-        if worst >= DRAWN:
-            shown.append(self._alone(worst))
+        if not all(number in known for number in range(DRAWN)):
+            first = self.batch(0, DRAWN)
+            known = known | {number: first.trajectory(number) for number in range(DRAWN)}
+        shown = [known[number] if number in known else self._alone(number) for number in numbers]
         return Run(
             tuple(shown), tuple(summaries), overall(summaries), steps=steps, implicit=implicit,
-            ensemble=Ensemble.of(summaries, tuple(numbers), worst), bands=self._bands(starts, first.grid),
+            ensemble=Ensemble.of(summaries, tuple(numbers), worst), bands=self._bands(starts),
         )  # fmt: skip
 
     def _alone(self, number: int) -> Trajectory:
@@ -172,12 +185,12 @@ class _Ensemble:
         first = max(0, number - 1)
         return self.batch(first, 2).trajectory(number - first)
 
-    def _bands(self, starts: Sequence[tuple[int, int]], times: Array) -> Bands | None:
+    def _bands(self, starts: Sequence[tuple[int, int]]) -> Bands | None:
         files = [self._path(first, "npy") for first, _ in starts]
         if not all(path.exists() for path in files):
             return None
         errors = [np.load(path, mmap_mode="r") for path in files]
-        states = self.system.plant.states
+        states, times = self.system.plant.states, grid_of_many(float(self.plan.horizon))
         values = np.empty((len(states), len(LEVELS), len(times)))
         width = max(1, _AT_ONCE // self.plan.runs)
         for state in range(len(states)):
@@ -186,6 +199,11 @@ class _Ensemble:
                 # Of runs that came to no end the error is infinite: `lower` never takes the mean of two.
                 values[state, :, start : start + width] = np.percentile(chunk, LEVELS, axis=0, method="lower")
         return Bands(times, LEVELS, dict(zip(states, values, strict=True)))
+
+
+def _sealed(text: str) -> str:
+    """A JSON object with the sha256 of its text before all else."""
+    return f'{{"sha256": "{hashlib.sha256(text.encode()).hexdigest()}", {text[1:]}'
 
 
 def _on_grid(batch: Batch) -> Array | None:
@@ -215,6 +233,17 @@ def worst_of(summaries: Sequence[RunSummary]) -> int:
     if not sizes.max(initial=0.0) > 0:
         sizes = np.array([max(one.rmse.values(), default=0.0) for one in summaries])
     return int(np.argmax(sizes))
+
+
+def _may_be_worst(summaries: Mapping[int, RunSummary]) -> set[int]:
+    """Of some runs, by number, those that `worst_of` may choose, whatever the others are: the first that ends early,
+    and of each figure the first of the largest."""
+    numbers, every = list(summaries), list(summaries.values())
+    early = [number for number, one in summaries.items() if one.stopped is not None][:1]
+    names = dict.fromkeys(name for one in every for name in one.rmse_after_transient)
+    figures = [[one.rmse_after_transient.get(name, np.inf) for one in every] for name in names]
+    figures.append([max(one.rmse.values(), default=0.0) for one in every])
+    return {*early, *(numbers[int(np.argmax(row))] for row in figures if row)}
 
 
 def _compiled(system: HybridSystem, plan: SimulationPlan, law: SamplingLaw) -> Compiled | None:

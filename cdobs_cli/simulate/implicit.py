@@ -96,8 +96,9 @@ class ImplicitRun:
 
         return slope
 
-    def _part(self, step: Along, floor: Array, s: Array) -> Array:
-        """The state a time s (1,) after the start of a step, from steps of its own; by dense output if they fail."""
+    def _part(self, step: Along, floor: Array, s: Array) -> tuple[Array, Array]:
+        """The state a time s (1,) after the start of a step, from steps of its own, by dense output if they fail; and
+        its slope."""
         start, y = float(step.t[0]), step.y[:, 0]
         end = start + float(s[0])
         # A root within rounding of the start leaves no length for a step.
@@ -105,8 +106,10 @@ class ImplicitRun:
         while solver is not None and solver.status == "running" and _stepped(solver):
             pass
         if solver is None or solver.status != "finished":
-            return dormand_prince.interpolate(step.coefficients, step.y, s / step.h)
-        return solver.y[:, None]
+            state = dormand_prince.interpolate(step.coefficients, step.y, s / step.h)
+        else:
+            state = solver.y[:, None]
+        return state, self._slope(step.held[:, 0])(end, state[:, 0])[:, None]
 
 
 class Jacobian:

@@ -16,6 +16,7 @@ import numpy as np
 from cdobs_cli.arrays import Array, Integers
 from cdobs_cli.simulate import dormand_prince as method
 from cdobs_cli.simulate.loop import ClosedLoop
+from cdobs_cli.simulate.postponed import Postponed
 from cdobs_cli.simulate.stiffness import LOOK, Stiffness
 from cdobs_cli.simulate.trigger import Along
 
@@ -79,6 +80,7 @@ class OneRun:
         self._step = method.scalar_step(self._flow, loop.size)
         self._interpolant = method.scalar_dense_output(self._flow, loop.size)
         self._stiffness = Stiffness(1, 1, max_steps)
+        self.postponed = Postponed(loop)
 
     def advance(self, runs: Integers, progress: Progress, ends: Array, grid: Grid, watch: Watch) -> Integers:
         """Flow the run to its end; returns the End code, shape (1,)."""
@@ -118,20 +120,16 @@ class OneRun:
             until = end if tried == left else t + tried
             looked = steps % LOOK == 0 and self._stiffness.worth_a_look(left, self.horizon - t, tried)
             stiff = looked and self._stiff(runs, tried, y, new, slopes, floor)
-            if triggered or grid.next_time(0) <= until:
-                coefficients = self._dense(t, tried, y, new, slopes, held)
-                before = np.array(y)
-                if triggered:
-                    step = coefficients[:, :, None], before[:, None], np.array([t]), np.array([tried]), progress.held
-                    along = Along(self.loop.trigger, *step)
-                    theta = along.first_root()
-                    if theta[0] <= 1.0:
-                        part, new = along.polished(partial(self._part, t, y, k, held, floor), theta)
-                        until, new, code = t + float(part[0]), tuple(new[:, 0].tolist()), End.TRIGGERED
-                points, places = grid.take(0, until)
-                if len(points):
-                    states = method.interpolate_one(coefficients, before, (points - t) / tried)
-                    grid.put(0, places, states, progress.held)
+            whole = t, tried, y, new, slopes, held
+            if triggered:
+                step = self._dense(*whole), np.array(y)[:, None], np.array([t]), np.array([tried]), progress.held
+                along = Along(self.loop.trigger, *step)
+                theta = along.first_root()
+                if theta[0] <= 1.0:
+                    part, at_root = along.polished(partial(self._part, t, y, k, held, floor), theta)
+                    until, new, code = t + float(part[0]), tuple(at_root[:, 0].tolist()), End.TRIGGERED
+            if grid.next_time(0) <= until:
+                self.postponed.add_one(grid, grid.take(0, until)[1], *whole)
             h, t, y, k = suggested, until, new, last
             seen_t.append(t)
             seen_y.append(y)
@@ -166,14 +164,49 @@ class OneRun:
         columns = (np.array(part)[..., None] for part in of_states)
         return bool(self._stiffness.found(runs, np.array([h]), *columns)[0])
 
-    def _part(self, t: float, y: Any, k: Any, held: Any, floor: Any, s: Array) -> Array:
-        return np.array(self._try(t, float(s[0]), y, k, held, floor)[0])[:, None]
+    def _part(self, t: float, y: Any, k: Any, held: Any, floor: Any, s: Array) -> tuple[Array, Array]:
+        new, last, _, _ = self._try(t, float(s[0]), y, k, held, floor)
+        return np.array(new)[:, None], np.array(last)[:, None]
 
     def _dense(self, t: float, h: float, y: Any, new: Any, slopes: Any, held: Any) -> Array:
         try:
-            return np.array(self._interpolant(t, h, y, new, slopes, held), dtype=float)
+            return np.array(self._interpolant(t, h, y, new, slopes, held), dtype=float)[:, :, None]
         except (ArithmeticError, ValueError, TypeError):
-            return np.full((7, len(y)), np.nan)
+            return np.full((7, len(y), 1), np.nan)
+
+
+@dataclass
+class _Lanes:
+    """The runs that still flow, as `Progress`, side by side; ends (R,), floor and the slope k (n, R); room (13, n, R)
+    for the slopes of a step."""
+
+    ids: Integers
+    t: Array
+    h: Array
+    ends: Array
+    steps: Integers
+    y: Array
+    held: Array
+    floor: Array
+    k: Array
+    room: Array
+
+    @staticmethod
+    def of(progress: Progress, ids: Integers, *columns: Array) -> _Lanes:
+        """columns: ends, floor and k of these runs."""
+        ends, floor, k = columns
+        t, y, held = progress.at(ids)
+        return _Lanes(ids, t, progress.h[ids], ends, progress.steps[ids], y, held, floor, k, np.empty((13, *y.shape)))
+
+    def of_those(self, which: Integers) -> _Lanes:
+        """Some of them."""
+        kept = {name: part[..., which] for name, part in vars(self).items() if name != "room"}
+        return _Lanes(**kept, room=np.empty((*self.room.shape[:2], len(which))))
+
+    def write(self, progress: Progress) -> None:
+        """Where they stand."""
+        progress.t[self.ids], progress.h[self.ids], progress.steps[self.ids] = self.t, self.h, self.steps
+        progress.y[:, self.ids] = self.y
 
 
 class ManyRuns:
@@ -183,82 +216,100 @@ class ManyRuns:
         self.loop, self.horizon, self.max_steps = loop, horizon, max_steps
         self._slope = loop.array_flow()
         self._stiffness = Stiffness(runs, together, max_steps)
+        self.postponed = Postponed(loop)
 
     def advance(self, runs: Integers, progress: Progress, ends: Array, grid: Grid, watch: Watch) -> Integers:
         """Flow the given runs to their ends (len(runs),); returns an End code for each."""
         codes = np.full(len(runs), End.REACHED)
-        triggered = self.loop.is_triggered
         smallest = 1e-15 * self.horizon
         floor = progress.floor(runs)
         k = self._slope(*progress.at(runs))
         fresh = np.flatnonzero(progress.h[runs] <= 0)
-        for i in fresh:
-            progress.h[runs[i]] = first_step(progress.y[:, runs[i]], k[:, i], floor[:, i], self.horizon)
+        if fresh.size:
+            at_start = progress.y[:, runs[fresh]], k[:, fresh], floor[:, fresh]
+            progress.h[runs[fresh]] = first_steps(*at_start, self.horizon)
         codes[~np.isfinite(k).all(axis=0)] = End.SINGULAR
         # The states just after a jump have not been looked at yet.
         codes[watch(runs, *progress.at(runs))[runs]] = End.HALTED
         live = np.flatnonzero((codes == End.REACHED) & (progress.t[runs] < ends))
+        lanes = _Lanes.of(progress, runs[live], ends[live], floor[:, live], k[:, live])
         while live.size:
-            ids = runs[live]
-            h, (t, y, held) = progress.h[ids], progress.at(ids)
-            left = ends[live] - t
+            ids, t, y, h, left = lanes.ids, lanes.t, lanes.y, lanes.h, lanes.ends - lanes.t
             tried = np.where(h >= left, left, np.where(2 * h > left, left / 2, h))
-            new, last, error, slopes = method.array_step(self._slope, t, tried, y, k[:, live], held, floor[:, live])
-            progress.steps[ids] += 1
+            new, last, error, slopes = method.array_step(
+                self._slope, t, tried, y, lanes.k, lanes.held, lanes.floor, lanes.room
+            )
+            # Where the slope at the start stood there is the one at the end now.
+            lanes.k = slopes[0]
+            lanes.steps += 1
             good = error <= 1.0
             factor = _next_steps(error)
             longer = np.where(tried < h, np.maximum(h, tried * factor), tried * factor)
-            progress.h[ids] = np.where(good, longer, tried * np.minimum(0.9, factor))
-            done = np.zeros(live.size, dtype=bool)
-            singular = ~good & (progress.h[ids] < smallest + 4e-16 * t)
-            codes[live[singular]] = End.SINGULAR
-            until = np.where(tried == left, ends[live], t + tried)
-            w = np.flatnonzero(good)
-            if w.size and (triggered or grid.is_due(ids[w], until[w]).any()):
-                along_step = t[w], tried[w], y[:, w], new[:, w], slopes[:, :, w]
-                coefficients = method.dense_output(partial(self._slope, held=held[:, w]), *along_step)
-                if triggered:
-                    along = Along(self.loop.trigger, coefficients, y[:, w], t[w], tried[w], held[:, w])
-                    theta = along.first_root()
-                    hit = np.flatnonzero(theta <= 1.0)
-                    if hit.size:
-                        at = w[hit]
-                        part_of = partial(self._part, t[at], y[:, at], k[:, live[at]], held[:, at], floor[:, live[at]])
-                        part, state = along.of(hit).polished(part_of, theta[hit])
-                        until[at], new[:, at] = t[at] + part, state
-                        codes[live[at]], done[at] = End.TRIGGERED, True
-                grid.fill(ids[w], until[w], t[w], tried[w], coefficients, y[:, w], held[:, w])
-            worth = good & (progress.steps[ids] % LOOK == 0) & ~done
+            lanes.h = np.where(good, longer, tried * np.minimum(0.9, factor))
+            singular = ~good & (lanes.h < smallest + 4e-16 * t)
+            until = np.where(tried == left, lanes.ends, t + tried)
+            if not good.all():
+                # A step that is not taken ends where it began.
+                until, new, last = np.where(good, until, t), np.where(good, new, y), np.where(good, last, lanes.k)
+            codes[live[singular]], whole = End.SINGULAR, (t, tried, y, new, slopes, lanes.held)
+            if self.loop.is_triggered:
+                at, when, states = self._first_roots(lanes, np.flatnonzero(good), tried, new, slopes)
+                until[at], new, codes[live[at]] = when, new.copy(), End.TRIGGERED
+                new[:, at] = states
+            self.postponed.add(grid, ids, until, *whole)
+            worth = good & (lanes.steps % LOOK == 0) & (codes[live] == End.REACHED)
             looked = np.flatnonzero(worth & self._stiffness.worth_a_look(left, self.horizon - t, tried))
             if looked.size:
-                along_step = tried[looked], y[:, looked], new[:, looked], slopes[:, :, looked], floor[:, live[looked]]
-                stiff = looked[self._stiffness.found(ids[looked], *along_step)]
-                codes[live[stiff]], done[stiff] = End.STIFF, True
-            moved = ids[w]
-            progress.t[moved], progress.y[:, moved], k[:, live[w]] = until[w], new[:, w], last[:, w]
-            halted = watch(moved, until[w], new[:, w], held[:, w])[ids] if w.size else np.zeros(live.size, dtype=bool)
-            codes[live[halted]] = End.HALTED
-            unended = ~(halted | done | singular) & (progress.t[ids] < ends[live])
-            exhausted = unended & (progress.steps[ids] >= self.max_steps)
+                along_step = tried[looked], y[:, looked], new[:, looked], slopes[:, :, looked], lanes.floor[:, looked]
+                codes[live[looked[self._stiffness.found(ids[looked], *along_step)]]] = End.STIFF
+            lanes.t, lanes.y, lanes.k = until, new, last
+            codes[live[watch(ids, until, new, lanes.held)[ids]]] = End.HALTED
+            unended = (codes[live] == End.REACHED) & (until < lanes.ends)
+            exhausted = unended & (lanes.steps >= self.max_steps)
             codes[live[exhausted]] = End.EXHAUSTED
-            live = live[unended & ~exhausted]
+            stays = unended & ~exhausted
+            if not stays.all():
+                lanes.write(progress)
+                live, lanes = live[stays], lanes.of_those(np.flatnonzero(stays))
         return codes
 
-    def _part(self, t: Array, y: Array, k: Array, held: Array, floor: Array, s: Array) -> Array:
-        return method.array_step(self._slope, t, s, y, k, held, floor)[0]
+    def _first_roots(
+        self, lanes: _Lanes, at: Integers, tried: Array, new: Array, slopes: Array
+    ) -> tuple[Integers, Array, Array]:
+        """Of the lanes `at` those whose trigger is reached within their steps, when, and the states there."""
+        t, h, y, held = lanes.t[at], tried[at], lanes.y[:, at], lanes.held[:, at]
+        coefficients = method.dense_output(self._slope, t, h, y, new[:, at], slopes[method.READ][:, :, at], held)
+        along = Along(self.loop.trigger, coefficients, y, t, h, held)
+        theta = along.first_root()
+        hit = np.flatnonzero(theta <= 1.0)
+        if not hit.size:
+            return at[hit], t[hit], y[:, hit]
+        own = lanes.of_those(at[hit])
+        part_of = partial(self._part, own.t, own.y, own.k, own.held, own.floor)
+        part, states = along.of(hit).polished(part_of, theta[hit])
+        return at[hit], own.t + part, states
+
+    def _part(self, t: Array, y: Array, k: Array, held: Array, floor: Array, s: Array) -> tuple[Array, Array]:
+        return method.array_step(self._slope, t, s, y, k, held, floor)[:2]
 
 
 def _next_steps(error: Array) -> Array:
     """`next_step` over an array."""
     with np.errstate(divide="ignore"):
-        factor = np.clip(0.9 * np.abs(error) ** (-1 / 8), 0.2, 6.0)
+        root = np.sqrt(np.sqrt(np.sqrt(np.abs(error))))
+        factor = np.minimum(np.maximum(0.9 / root, 0.2), 6.0)
     return np.where(np.isfinite(error), factor, 0.2)
 
 
-def first_step(y: Array, k: Array, floor: Array, horizon: float) -> float:
-    """A cautious first step: the state changes by about a hundredth of its size."""
+def first_steps(y: Array, k: Array, floor: Array, horizon: float) -> Array:
+    """Cautious first steps (R,): the state changes by about a hundredth of its size; y, k, floor (n, R)."""
     scale = floor + method.RTOL * np.abs(y)
-    size, rate = float(np.max(np.abs(y) / scale)), float(np.max(np.abs(k) / scale))
-    if not np.isfinite(rate) or rate == 0.0:
-        return 1e-3 * horizon
-    return min(1e-3 * horizon, 0.01 * size / rate) if size > 0 else 1e-6 * horizon
+    size, rate = (np.abs(y) / scale).max(axis=0), (np.abs(k) / scale).max(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        by_size = np.where(size > 0, np.minimum(1e-3 * horizon, 0.01 * size / rate), 1e-6 * horizon)
+    return np.where(np.isfinite(rate) & (rate != 0), by_size, 1e-3 * horizon)
+
+
+def first_step(y: Array, k: Array, floor: Array, horizon: float) -> float:
+    """The same of one run: y, k, floor (n,)."""
+    return float(first_steps(y[:, None], k[:, None], floor[:, None], horizon)[0])

@@ -140,11 +140,11 @@ class ClosedLoop:
         return compile_floats(self.flow, self.names, arrays=False)
 
     def array_flow(self) -> Callable[..., Array]:
-        """f(t (R,), y (n, R), held (c, R)) -> (n, R)."""
+        """f(t (R,), y (n, R), held (c, R)) -> (n, R), in `out` where that is given."""
         values = compile_floats(self.flow, self.names, arrays=True)
 
-        def slope(t: Array, y: Array, held: Array) -> Array:
-            return stacked(values(t, *y, *held), y.shape[1])
+        def slope(t: Array, y: Array, held: Array, out: Array | None = None) -> Array:
+            return stacked(values(t, *y, *held), y.shape[1], out)
 
         return slope
 
@@ -224,9 +224,9 @@ class ClosedLoop:
         return View(y[: self.plant.n], estimates, internals, signals, take(len(self.observer.stops)))
 
 
-def stacked(values: tuple[Any, ...], points: int) -> Array:
-    """Rows that may be plain numbers as one array (rows, points)."""
-    result = np.empty((len(values), points))
+def stacked(values: tuple[Any, ...], points: int, out: Array | None = None) -> Array:
+    """Rows that may be plain numbers as one array (rows, points), `out` where that is given."""
+    result = np.empty((len(values), points)) if out is None else out
     for row, value in zip(result, values, strict=True):
         row[:] = value
     return result

@@ -3,13 +3,13 @@ every measurement."""
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from cdobs_cli.arrays import Array, Booleans, Integers
-from cdobs_cli.simulate.dormand_prince import interpolate
 
 GRID_POINTS = 2001  # of one run; fewer for many
 SHOWN = 32  # runs that are all shown; of more some are, and the others are counted
@@ -23,8 +23,13 @@ ON_GRID, BEFORE, AFTER = 0, 1, 2
 def grid_times(horizon: float, width: int, runs: int) -> Array:
     """Common, equally spaced times 0 .. horizon of so many runs of `width` numbers each."""
     if runs > SHOWN:
-        return np.linspace(0.0, horizon, GRID_OF_MANY)
+        return grid_of_many(horizon)
     return np.linspace(0.0, horizon, max(SMALLEST_GRID, min(GRID_POINTS, BUDGET // (width * runs))))
+
+
+def grid_of_many(horizon: float) -> Array:
+    """Those of more runs than are all shown."""
+    return np.linspace(0.0, horizon, GRID_OF_MANY)
 
 
 def sides_of_one(width: int, runs: int) -> int:
@@ -45,40 +50,29 @@ class Grid:
 
     def __init__(self, times: Array, size: int, held: int, runs: int) -> None:
         self.times = np.append(times, np.inf)
+        self._times = self.times.tolist()
         self.size, self.z = size, np.empty((runs, size + held, len(times)))
         self.due = np.zeros(runs, dtype=np.int64)
 
     def next_time(self, run: int) -> float:
         return float(self.times[self.due[run]])
 
-    def is_due(self, runs: Integers, until: Array) -> Booleans:
-        due: Booleans = self.times[self.due[runs]] <= until
-        return due
-
     def take(self, run: int, until: float) -> tuple[Array, slice]:
         """Times up to `until` that are still empty for this run, and their places; they count as filled."""
-        first, last = int(self.due[run]), int(np.searchsorted(self.times, until, side="right"))
-        self.due[run] = max(first, last)
-        return self.times[first : max(first, last)], slice(first, max(first, last))
+        first = int(self.due[run])
+        self.due[run] = last = max(first, bisect_right(self._times, until))
+        return self.times[first:last], slice(first, last)
+
+    def advance(self, runs: Integers, until: Array) -> tuple[Integers, Integers]:
+        """Of each run the first place that is still empty, and the one after the last up to `until` (R',); those
+        between count as filled."""
+        first = self.due[runs]
+        self.due[runs] = last = np.maximum(first, np.searchsorted(self.times, until, side="right"))
+        return first, last
 
     def put(self, run: int, places: slice, y: Array, held: Array) -> None:
         """y (n, places), held (c, 1)."""
         self.z[run, : self.size, places], self.z[run, self.size :, places] = y, held
-
-    def fill(
-        self, runs: Integers, until: Array, t: Array, h: Array, coefficients: Array, y: Array, held: Array
-    ) -> None:
-        """Read all times up to `until` (R',) from the dense output of steps that began at t (R',)."""
-        while True:
-            due = np.flatnonzero(self.times[self.due[runs]] <= until)
-            if not due.size:
-                return
-            ids = runs[due]
-            places = self.due[ids]
-            theta = (self.times[places] - t[due]) / h[due]
-            states = interpolate(coefficients[:, :, due], y[:, due], theta)
-            self.z[ids, :, places] = np.concatenate([states, held[:, due]]).T
-            self.due[ids] += 1
 
 
 @dataclass
@@ -183,7 +177,11 @@ class Record:
         whose, where, when = np.concatenate(run), np.concatenate(kind), np.concatenate(t)
         order = np.lexsort((where, when, whose))
         return Log(
-            whose[order], where[order], np.concatenate(index)[order], when[order], np.concatenate(z, axis=1)[:, order]
+            whose[order],
+            where[order],
+            np.concatenate(index)[order],
+            when[order],
+            np.concatenate(z, axis=1).take(order, axis=1),
         )
 
     def samples(self, runs: int) -> Samples:
@@ -202,20 +200,22 @@ def paths(log: Log, samples: Samples, most: int, spacing: float, size: int, fina
     are not finite, unless the run has no others, and of the jumps of a run all but `most`, evenly.
     """
     runs = len(final_t)
-    every = stride(np.diff(samples.offsets), most)[log.run]
-    kept = (log.t <= final_t[log.run]) & ((log.kind == ON_GRID) | (log.index % every == 0))
+    every, kept = stride(np.diff(samples.offsets), most), log.t <= final_t[log.run]
+    if (every > 1).any():
+        kept &= (log.kind == ON_GRID) | (log.index % every[log.run] == 0)
     kept[kept] = ~_beside_a_jump(log.run[kept], log.kind[kept], log.t[kept], 1e-9 * spacing)
-    run, t, z = log.run[kept], log.t[kept], log.z[:, kept]
+    run, t, z = log.run[kept], log.t[kept], log.z.take(np.flatnonzero(kept), axis=1)
     early = np.flatnonzero(~(t[_offsets(run, runs)[1:] - 1] >= final_t))
     at = _offsets(run, runs)[early + 1]
     if early.size:
         run, t = np.insert(run, at, early), np.insert(t, at, final_t[early])
         z = np.insert(z, at, final_z[:, early], axis=1)
-    finite = np.isfinite(z[:size]).all(axis=0)
+    is_finite = np.isfinite(z[:size])
+    if is_finite.all():
+        return Paths(_offsets(run, runs), t, z)
+    finite = is_finite.all(axis=0)
     has_any = np.bincount(run[finite], minlength=runs) > 0
     shown = finite | ~has_any[run]
-    if shown.all():
-        return Paths(_offsets(run, runs), t, z)
     return Paths(_offsets(run[shown], runs), t[shown], z[:, shown])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -32,13 +33,14 @@ def summarise(loop: ClosedLoop, watch: Watch, paths: Paths, samples: Samples) ->
 def trajectory(loop: ClosedLoop, watch: Watch, paths: Paths, samples: Samples, run: int) -> Trajectory:
     """What is shown of one run."""
     own, sampled = _own(paths.offsets, run), _own(samples.offsets, run)
-    t, z = paths.t[own], paths.z[:, own]
+    # Copies: what is shown must not keep the other runs in memory.
+    t, z = paths.t[own].copy(), paths.z[:, own].copy()
     seen = loop.see(t, z[: loop.size], z[loop.size :])
     inputs = {source.name: seen.signals[source.name] for source in loop.plant.inputs}
     inputs |= {name: values for name, values in seen.signals.items() if name.startswith("d.")}
     estimates = {name: rows.T for name, rows in seen.estimates.items()}
-    t_k, y_k = samples.t[sampled], samples.y[:, sampled].T
-    arrival = None if samples.arrival is None else samples.arrival[:, sampled].T
+    t_k, y_k = samples.t[sampled].copy(), samples.y[:, sampled].copy().T
+    arrival = None if samples.arrival is None else samples.arrival[:, sampled].copy().T
     return Trajectory(t, seen.x.T, estimates, dict(seen.internals), t_k, y_k, inputs, watch.stopped[run], arrival)
 
 
@@ -98,7 +100,7 @@ def _errors(
     """Of each run the error's size in the end, its root mean squares, late ones, and the largest of each state."""
     if error is None:
         return [(None, {}, {}, {}) for _ in range(runs)]
-    final = [_finite(_size(error[:, at])) for at in paths.last]
+    final = map(_finite, _sizes(error[:, paths.last]).tolist())
     whole, late = (root_mean_squares(states, paths, error, late=half) for half in (False, True))
     return list(zip(final, whole, late, _named(states, _most(np.abs(error), paths)), strict=True))
 
@@ -121,21 +123,30 @@ def root_mean_squares(
     states: Sequence[str], paths: Paths, error: Array, *, late: bool = False
 ) -> list[dict[str, float]]:
     """Of each row of error (n, P) over each run, or over its second half; by state, those that floats hold."""
-    t, first, last = paths.t, paths.t[paths.offsets[:-1]], paths.t[paths.last]
-    start = first + 0.5 * (1.0 - 1e-12) * (last - first) if late else first
-    inside = t >= start[paths.run]
-    largest = _most(np.where(inside, np.abs(error), 0.0), paths)
+    if late:
+        paths, error = _second_half(paths, error)
+    largest, width = _most(np.abs(error), paths), np.diff(paths.t, append=np.nan)
+    width[paths.last] = 0.0
     with np.errstate(invalid="ignore", divide="ignore"):
-        squares = np.where(inside, error / np.where(largest > 0, largest, 1.0)[:, paths.run], 0.0) ** 2
-    width = np.diff(t, append=np.nan)
-    width[paths.last], width[~inside] = 0.0, 0.0
-    follows = np.roll(squares, -1, axis=1)
-    sums = np.add.reduceat(width * (squares + follows), paths.offsets[:-1], axis=1)
-    # From the first point that counts, which is not before `start`.
-    length = np.add.reduceat(width, paths.offsets[:-1])
-    with np.errstate(invalid="ignore", divide="ignore"):
+        squares = error / np.repeat(np.where(largest > 0, largest, 1.0), np.diff(paths.offsets), axis=1)
+        squares *= squares
+        follows = np.roll(squares, -1, axis=1)
+        follows += squares
+        follows *= width
+        sums = np.add.reduceat(follows, paths.offsets[:-1], axis=1)
+        # From the first point that counts.
+        length = np.add.reduceat(width, paths.offsets[:-1])
         means = largest * np.sqrt(sums / (2 * length))
     return _named(states, np.where(length > 0, means, np.abs(error[:, paths.last])))
+
+
+def _second_half(paths: Paths, error: Array) -> tuple[Paths, Array]:
+    """Of each run the points after the middle of its time, its last one among them."""
+    first, last = paths.t[paths.offsets[:-1]], paths.t[paths.last]
+    start = first + 0.5 * (1.0 - 1e-12) * (last - first)
+    inside = paths.t >= np.repeat(start, np.diff(paths.offsets))
+    offsets = np.concatenate([[0], np.cumsum(np.add.reduceat(inside, paths.offsets[:-1], dtype=np.int64))])
+    return Paths(offsets, paths.t[inside], paths.z[:0]), error[:, inside]
 
 
 def _named(states: Sequence[str], values: Array) -> list[dict[str, float]]:
@@ -144,15 +155,18 @@ def _named(states: Sequence[str], values: Array) -> list[dict[str, float]]:
     return [{name: one for name, one in zip(states, row, strict=True) if one - one == 0.0} for row in rows]
 
 
-def _size(vector: Array) -> float:
-    """Its length, without overflow on the way."""
-    largest = float(np.abs(vector).max())
-    return largest * float(np.sqrt(((vector / largest) ** 2).sum())) if largest != 0 else 0.0
+def _sizes(vectors: Array) -> Array:
+    """The length of each column, without overflow on the way."""
+    largest = np.abs(vectors).max(axis=0)
+    with np.errstate(invalid="ignore"):
+        parts = vectors / np.where(largest != 0, largest, 1.0)
+        lengths: Array = largest * np.sqrt((parts * parts).sum(axis=0))
+    return lengths
 
 
 def _finite(value: float) -> float | None:
     """JSON has no infinity: a figure beyond floats is left out."""
-    return value if np.isfinite(value) else None
+    return value if isfinite(value) else None
 
 
 def quadratic_means(figures: Sequence[Mapping[str, float]]) -> dict[str, float]:

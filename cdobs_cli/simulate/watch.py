@@ -59,6 +59,8 @@ class Watch:
                     self.halt(
                         run, float(t[point]), y[:, point], held[:, point], self.reasons[number], diverged=number == 0
                     )
+        if not (self.departures.limits or seen.encloses):
+            return self.halted
         going = finite & (t <= self.stop_t[runs])
         x_hat = seen.estimates.get("x_hat")
         self.departures.look(runs[going], t[going], seen.x[:, going], None if x_hat is None else x_hat[:, going])

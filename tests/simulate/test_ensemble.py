@@ -67,6 +67,22 @@ def test_nine_states_are_summed_in_one_order(tmp_path, path):
     assert bits(one) == bits(other)
 
 
+def test_runs_that_escape_leave_the_others_as_they_are(tmp_path, path):
+    """x' = x^2 from [-1, 1]: some states are unbounded before the horizon, and end beside others that go on."""
+    system = copy_observer(plant(("x",), [[0]], ["x**2"]), ["0.5"])
+    asked = plan("3", None, [0], initial_box=box([-1], [1]), runs=37, seed=2)
+    whole = made(tmp_path, system, asked, system.plant.sampling)
+    stopped = [one.stopped is not None for one in whole.summaries]
+    assert 0 < sum(stopped) < 37
+    for batch in (2, 9):
+        assert bits(made(tmp_path, system, asked, system.plant.sampling, batch=batch)) == bits(whole)
+    start = np.array([one.x[0, 0] for one in whole.trajectories])
+    end = np.array([one.x[-1, 0] for one in whole.trajectories])
+    goes_on = start < 0
+    assert goes_on.any()
+    assert end[goes_on] == pytest.approx(start[goes_on] / (1 - 3 * start[goes_on]), rel=1e-10)
+
+
 def test_what_is_shown_of_a_run_is_that_run(tmp_path, path):
     run = made(tmp_path)
     assert run.ensemble is not None
@@ -113,6 +129,33 @@ def test_the_worst_run_is_the_first_that_ends_early_or_errs_most(tmp_path):
     stopped = list(run.summaries)
     stopped[33] = replace(stopped[33], stopped="the error grew")
     assert worst_of(stopped) == 33
+
+
+def test_what_is_shown_is_kept_when_it_is_made(tmp_path, monkeypatch):
+    asked = []
+    batch = module._Ensemble.batch
+    monkeypatch.setattr(
+        module._Ensemble, "batch", lambda self, first, count: asked.append(first) or batch(self, first, count)
+    )
+    made(tmp_path, batch=16)
+    assert sorted(asked) == [0, 16, 32, 48, 64]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_worst_run_is_among_those_kept_of_its_batch(tmp_path, seed):
+    sizes = np.random.default_rng(seed).integers(1, 4, (70, 3)).astype(float)  # many are alike
+    every = [
+        replace(
+            one, stopped="it grew" if seed > 5 and row[2] > 2 else None, rmse={"theta": row[2], "omega": 0.5},
+            rmse_after_transient=dict(zip(("theta", "omega"), row * (seed not in (2, 3)), strict=False)),
+        )
+        for one, row in zip(made(tmp_path).summaries, sizes, strict=True)
+    ]  # fmt: skip
+    kept = set()
+    for first in range(0, 70, 14):
+        kept |= module._may_be_worst(dict(enumerate(every[first : first + 14], first)))
+    assert worst_of(every) in kept
+    assert worst_of(every) in module._may_be_worst({number: every[number] for number in sorted(kept)})
 
 
 def test_runs_that_diverge_are_counted_and_their_percentiles_are_infinite(tmp_path, path):

@@ -29,8 +29,11 @@ def exact(t):
     return np.array([math.cos(t) + t, 1 - math.sin(t)])
 
 
-def slope(t, z, held=None):
-    return np.array(flow(t, *z))
+def slope(t, z, held=None, out=None):
+    value = np.array(flow(t, *z))
+    if out is not None:
+        out[:] = value
+    return value
 
 
 def one_step(t, h):
@@ -77,7 +80,7 @@ def test_floats_and_arrays_take_the_same_step():
     y = np.array([exact(time) for time in t]).T
     floor = np.full((2, 3), 1e-12)
     new, last, error, slopes = array_step(slope, t, h, y, slope(t, y), np.empty((0, 3)), floor)
-    coefficients = dense_output(slope, t, h, y, new, slopes)
+    coefficients = dense_output(slope, t, h, y, new, slopes[tableau.READ], np.empty((0, 3)))
     for run in range(3):
         own, own_new, own_last, own_error, own_slopes = one_step(float(t[run]), float(h[run]))
         assert new[:, run] == pytest.approx(own_new, rel=1e-14)
