@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.records import dataclass
 
 ASSUMED_OF_LATE = (
     "Stamps are exact; samples may overtake one another, and delays do not depend on noise. On arrival the estimate is "

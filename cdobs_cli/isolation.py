@@ -10,11 +10,12 @@ import threading
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Any, Protocol
 
 from cdobs_cli.outcome import Job, Result, cut_short, failure
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess

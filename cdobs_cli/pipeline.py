@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -21,6 +21,7 @@ from cdobs_cli.errors import ArtefactError, CdobsError, UsageError
 from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.outcome import readable
 from cdobs_cli.progress import stage
+from cdobs_cli.records import dataclass
 from cdobs_cli.store import CONTENT, Store, digest
 from cdobs_cli.synthesis import certify, initial_errors, is_design_of, new_design, plant_of, system_of
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from typing import Any, Literal
@@ -12,6 +11,7 @@ from cdobs_cli import sensors as schedule
 from cdobs_cli import thresholds as sent
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
 from cdobs_cli.graph import Graph, graph
+from cdobs_cli.records import dataclass
 from cdobs_cli.sensors import GAINS, MAX_LOST, Gains, Phase, Reading, Sensor
 from cdobs_cli.thresholds import Threshold
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
 from math import isfinite
@@ -24,6 +24,7 @@ from cdobs_cli.exact.expression import ONE, ZERO, Expression
 from cdobs_cli.exact.numbers import Exact, fraction_text, lower_text, upper_text
 from cdobs_cli.exact.rational import is_zero, simplify
 from cdobs_cli.plant import Entry, Plant, Quantity, Slopes
+from cdobs_cli.records import dataclass
 
 # How names of bounds of the outputs' slopes begin.
 OUTPUT = "output."

@@ -4,7 +4,7 @@ either kind, of its largest value (`error.<state>`) and of its mean square (`rms
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from flint import arb
@@ -24,6 +24,7 @@ from cdobs_cli.certify.methods.peak.from_zero import PeakFromZero
 from cdobs_cli.certify.methods.response import MeanSquareResponse, PeakResponse
 from cdobs_cli.exact.numbers import Exact, lower_text, upper_text
 from cdobs_cli.plant import Box, Plant
+from cdobs_cli.records import dataclass
 
 REACHES: tuple[Reach, ...] = ("error bound", "mean square", "error attained")
 # By the question: of each name one is kept, that of the least bound.

@@ -5,7 +5,7 @@ ladder of methods, the bracket of the period, and the one conclusion.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any, ClassVar, Protocol
 
@@ -35,6 +35,7 @@ from cdobs_cli.design import Design
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text, lower_text, text_below, upper_text
 from cdobs_cli.plant import Plant
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 _UNSEEN = "unseen direction"

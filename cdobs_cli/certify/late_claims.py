@@ -4,7 +4,7 @@ those of an observer without delays."""
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from flint import arb
@@ -16,6 +16,7 @@ from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.delays import arrival_words, longest
 from cdobs_cli.exact.numbers import Exact, lower_text, upper_text
 from cdobs_cli.plant import Box, Plant
+from cdobs_cli.records import dataclass
 
 SOURCE = "cdobs, late measurements"
 _HOW = "balls, every word of samples that are missing"

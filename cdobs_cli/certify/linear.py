@@ -8,7 +8,6 @@ the ends; each interval, a little smaller, is proved for every period in it by b
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -21,6 +20,7 @@ from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, decimal_text
 from cdobs_cli.hybrid import HybridInclusion
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:

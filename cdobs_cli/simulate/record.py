@@ -3,12 +3,13 @@ every measurement."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
 
 from cdobs_cli.arrays import Array, Booleans, Integers
+from cdobs_cli.records import dataclass
 from cdobs_cli.simulate.dormand_prince import interpolate
 
 GRID_POINTS = 2001  # of one run; fewer for many

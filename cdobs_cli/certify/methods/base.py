@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, fields, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
@@ -21,6 +21,7 @@ from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text
 from cdobs_cli.hybrid import HybridInclusion
 from cdobs_cli.plant import Box, Plant
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:

@@ -22,7 +22,6 @@ s is one of finitely many, and G > 0 at each of them is enough.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
@@ -40,6 +39,7 @@ from cdobs_cli.certify.taylor import ORDER, Taylor, bernstein_weights, entries, 
 from cdobs_cli.certify.texts import rate_of, symmetric_from_upper, upper_texts
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import fraction_text
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:

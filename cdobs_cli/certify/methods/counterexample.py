@@ -4,7 +4,6 @@ slopes and signals that makes its error large. Searches find them, in floats; ba
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from cdobs_cli.certificate import Witness
@@ -15,6 +14,7 @@ from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Rea
 from cdobs_cli.certify.words import refutes
 from cdobs_cli.design import COUNTEREXAMPLE
 from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.records import dataclass
 
 
 @dataclass(frozen=True)

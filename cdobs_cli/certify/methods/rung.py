@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Protocol
 
@@ -19,6 +18,7 @@ from cdobs_cli.certify.methods.dead_beat import DeadBeat, resets
 from cdobs_cli.certify.methods.polygon import Polygon
 from cdobs_cli.certify.methods.spectral import SpectralRadius
 from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.records import dataclass
 
 _RATE_WIDTH = Fraction(1, 200)
 _RATE_DIGITS = 6

@@ -34,7 +34,6 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
@@ -64,6 +63,7 @@ from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, fmpq_fraction, fraction_text
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
 from cdobs_cli.plant import Plant
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:

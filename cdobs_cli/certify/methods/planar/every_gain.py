@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import groupby, product
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
@@ -28,6 +27,7 @@ from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, decimal_text
 from cdobs_cli.hybrid import ErrorMaps
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:

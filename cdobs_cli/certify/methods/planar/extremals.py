@@ -19,7 +19,6 @@ Source: Dinh2014, Section IV (the class of plants); the bound is exact where the
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from itertools import pairwise
@@ -36,6 +35,7 @@ from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, fraction_text
 from cdobs_cli.hybrid import HybridInclusion
+from cdobs_cli.records import dataclass
 
 # Limits are looked for from a thousandth of these multiples of the asked period: from half of it, else far below.
 _REACH = (500, 5)
