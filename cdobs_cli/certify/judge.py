@@ -28,8 +28,8 @@ from cdobs_cli.certify.late_claims import (
 from cdobs_cli.certify.levels import Level
 from cdobs_cli.certify.linear import is_linear, stable_intervals
 from cdobs_cli.certify.methods.base import Method, Proof, Question, read
-from cdobs_cli.certify.methods.counterexample import Attained, Counterexample
 from cdobs_cli.certify.methods.dead_beat import DeadBeat, resets
+from cdobs_cli.certify.methods.named import COMMON, Known
 from cdobs_cli.certify.unseen import Unseen, unseen
 from cdobs_cli.design import Design
 from cdobs_cli.exact.functions import fraction_ball
@@ -40,8 +40,6 @@ from cdobs_cli.sampling import SamplingLaw
 
 _UNSEEN = "unseen direction"
 _UNCORRECTED = "growth without samples"
-# What the designs of every family may hold beside the methods of its own.
-COMMON: tuple[type[Method], ...] = (*accuracy.METHODS, Counterexample, Attained)
 
 
 class Card(Protocol):
@@ -58,7 +56,7 @@ class Card(Protocol):
     def wanted_rate(self) -> Fraction:
         """What the longest period is searched at, per time unit; 0 asks for any rate."""
 
-    def methods(self) -> tuple[type[Method], ...]:
+    def methods(self) -> tuple[Known, ...]:
         """The methods whose certificates its designs may hold."""
 
     def question(self, plant: Plant, gain: Mapping[str, ExactMatrix], effort: int) -> Question:

@@ -19,6 +19,7 @@ from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify.falsify import refute
 from cdobs_cli.certify.methods.any_gain import NoGain
 from cdobs_cli.certify.methods.base import Method, Question, read
+from cdobs_cli.certify.methods.named import Known, loaded
 from cdobs_cli.certify.methods.rung import GENERAL, One
 from cdobs_cli.certify.unseen import unseen
 from cdobs_cli.exact.numbers import ExactMatrix
@@ -45,7 +46,7 @@ simulation: {horizon: 20, initial_state: [1, 0], initial_estimate: [0, 0]}
 class Measured(Copy):
     """The fifth family with the toy method as a rung of its ladder."""
 
-    def methods(self) -> tuple[type[Method], ...]:
+    def methods(self) -> tuple[Known, ...]:
         return (MaximumNorm, *GENERAL.methods)
 
     def rungs(self, question: Question) -> tuple[Any, ...]:
@@ -127,7 +128,7 @@ def questions() -> Iterator[tuple[str, str, Question]]:
 
 
 def methods(letter: str) -> tuple[type[Method], ...]:
-    return (*CARDS[letter].methods(), MaximumNorm)
+    return tuple(loaded((*CARDS[letter].methods(), MaximumNorm)))
 
 
 @pytest.mark.parametrize(("name", "letter", "question"), [pytest.param(*one, id=one[0]) for one in questions()])
