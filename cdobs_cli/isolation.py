@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
 import signal
@@ -90,6 +91,8 @@ def _start(call: Call, pool: list[_Worker]) -> _Worker:
     inherited = (ours, *(worker.pipe for worker in pool)) if forked else ()
     arguments = (theirs, call, os.getpid(), inherited)
     process = context.Process(target=_work, args=arguments, daemon=True)  # type: ignore[attr-defined]
+    if forked:
+        gc.freeze()  # what is loaded stays: a worker need not look through it, nor copy it to do so
     with _signals_held():
         process.start()
         theirs.close()

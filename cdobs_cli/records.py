@@ -5,8 +5,10 @@ the methods of one take longer to write than its module takes to load.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence, Set
 from functools import partial
+from operator import attrgetter
+from reprlib import recursive_repr
 from threading import RLock
 from typing import TYPE_CHECKING, Any
 
@@ -37,7 +39,39 @@ def _finish(kind: type, options: Mapping[str, Any]) -> None:
         for name in pending:
             delattr(kind, name)
         if pending:
-            dataclasses.dataclass(**options)(kind)
+            dataclasses.dataclass(**{**options, "eq": False, "repr": False})(kind)
+            _give(kind, frozenset(pending), options)
+
+
+def _give(kind: Any, pending: Set[str], options: Mapping[str, Any]) -> None:
+    """What the standard library compiles for each class anew: how it compares, its hash and how it is shown."""
+    own = dataclasses.fields(kind)
+    compared = _values([one.name for one in own if one.compare])
+    hashed = _values([one.name for one in own if (one.compare if one.hash is None else one.hash)])
+    shown = [one.name for one in own if one.repr]
+
+    def equals(self: Any, other: Any) -> Any:
+        return compared(self) == compared(other) if other.__class__ is self.__class__ else NotImplemented
+
+    def hash_of(self: Any) -> int:
+        return hash(hashed(self))
+
+    @recursive_repr()
+    def text(self: Any) -> str:
+        return f"{type(self).__qualname__}({', '.join(f'{name}={getattr(self, name)!r}' for name in shown)})"
+
+    given: dict[str, Any] = {"__repr__": text} if options.get("repr", True) else {}
+    if options.get("eq", True):
+        given |= {"__eq__": equals, "__hash__": hash_of if options.get("frozen") else None}
+    for name in given.keys() & pending:
+        setattr(kind, name, given[name])
+
+
+def _values(names: Sequence[str]) -> Callable[[Any], tuple[Any, ...]]:
+    """The attributes of these names, as a tuple."""
+    if len(names) > 1:
+        return attrgetter(*names)
+    return lambda one: tuple(getattr(one, name) for name in names)
 
 
 def _begun(kind: type, **options: Any) -> type:

@@ -21,12 +21,14 @@ HEAVY = ("numpy", "scipy", "cvxpy", "clarabel", "matplotlib", "sympy", "flint", 
 def loaded(tmp_path: Path, *arguments: str) -> set[str]:
     """Top-level packages that a command loads."""
     code = (
-        "import sys, atexit\n"
+        "import sys\n"
         "names = lambda: sorted({m.partition('.')[0] for m in sys.modules})\n"
-        "atexit.register(lambda: print('LOADED ' + ' '.join(names()), file=sys.stderr))\n"
         "from cdobs_cli.__main__ import main\n"
         f"sys.argv = ['cdobs', *{list(arguments)!r}]\n"
-        "main()\n"
+        "try:\n"
+        "    main()\n"
+        "finally:\n"
+        "    print('LOADED ' + ' '.join(names()), file=sys.stderr)\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", code],
