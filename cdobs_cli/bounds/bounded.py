@@ -7,7 +7,7 @@ from functools import lru_cache
 from math import ceil, inf, isfinite, log10
 
 from cdobs_cli.bounds.points import high_points, largest_met
-from cdobs_cli.bounds.ranges import known_range, value_at
+from cdobs_cli.bounds.ranges import Point, Range, known_range, value_at
 from cdobs_cli.bounds.reduction import pieces
 from cdobs_cli.bounds.region import Content, Region
 from cdobs_cli.bounds.supremum import ROUND, Bounded, supremum
@@ -67,7 +67,7 @@ def least_bound(function: Expression, region: Region, tolerance: float = 0.002, 
     width. Where the work does not suffice for that, the bound that was reached.
     """
     own = known_range(function, region.box)
-    best, lowest = (largest_met(side, region, high_points(side, region)) for side in (function, -function))
+    best, lowest = (_highest(side, region.content) for side in (function, -function))
     if best is None or abs(met := Fraction(best[0].lower)) > LARGEST:
         return None
     width = 0.0 if lowest is None else float(met + min(Fraction(lowest[0].lower), LARGEST))
@@ -94,6 +94,16 @@ def least_bound(function: Expression, region: Region, tolerance: float = 0.002, 
         if isinstance(higher, Fraction):
             met = max(met, higher)
     return None
+
+
+@lru_cache(256)  # |f| is bounded from either side
+def _highest(function: Expression, content: Content) -> tuple[Range, Point] | None:
+    """The largest value met."""
+    region = Region.of_content(content)
+    return largest_met(function, region, high_points(function, region))
+
+
+forgotten(_highest.cache_clear)
 
 
 def _is_short(value: Fraction) -> bool:
