@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.records import dataclass
@@ -61,3 +61,9 @@ def arrival_words(delays: Iterable[Delay], unit: str = "") -> str:
 def longest(delays: Iterable[Delay]) -> Exact:
     """The largest delay of any sensor."""
     return max((one.upper for one in delays), key=float)
+
+
+def put_in_words(delays: Sequence[Delay]) -> str:
+    """Behind a sampling law: when its samples are there; empty where that is at once."""
+    told = arrival_words(delays)
+    return f", once every sample is there: {told}, and what is late is put in at its stamp" if told else ""

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from cdobs_cli import __version__
 from cdobs_cli.certificate import Check, Witness
-from cdobs_cli.choice import chosen_design
 from cdobs_cli.design import Design
 from cdobs_cli.errors import ArtefactError, CdobsError, UsageError
 from cdobs_cli.hybrid import HybridSystem
@@ -100,6 +99,8 @@ def synthesize(work: Work) -> Design:
             if work.spec.choice is None:
                 design = new_design(work.spec, work.effort)
             else:
+                from cdobs_cli.choice import chosen_design
+
                 work.spec, design = chosen_design(work.spec, work.effort)
         design = replace(design, digests={"key": work.design_key})
         work.design = replace(design, digests=work.store.write("design.json", design.document())["digests"])

@@ -5,19 +5,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from flint import arb
 
 from cdobs_cli.certificate import ERROR_BOUNDED, Bound, Claim, Witness, status_of
-from cdobs_cli.certify.gains import Merit
-from cdobs_cli.certify.levels import Level
 from cdobs_cli.certify.methods.base import UNREADABLE, Method, Proof, Question, Reach
 from cdobs_cli.certify.methods.counterexample import Attained
 from cdobs_cli.certify.methods.named import ACCURACY, Known, loaded
 from cdobs_cli.exact.numbers import Exact, lower_text, upper_text
 from cdobs_cli.plant import Box, Plant
 from cdobs_cli.records import dataclass
+
+if TYPE_CHECKING:
+    from cdobs_cli.certify.gains import Merit
+    from cdobs_cli.certify.levels import Level
 
 REACHES: tuple[Reach, ...] = ("error bound", "mean square", "error attained")
 Transient = Callable[[Box], tuple[arb, ...]]

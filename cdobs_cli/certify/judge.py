@@ -7,36 +7,29 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from typing import Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from flint import arb
 
 from cdobs_cli.certificate import CONVERGENCE, Bound, Check, Claim, Status, Witness
 from cdobs_cli.certify import accuracy
 from cdobs_cli.certify.falsify import every_gain_fails_from, refute, slowest_decay
-from cdobs_cli.certify.late import LateMaps
-from cdobs_cli.certify.late_claims import (
-    Sized,
-    delay_max,
-    growth,
-    late_accuracy,
-    late_claim,
-    late_transients,
-    put_in_words,
-    starts,
-)
-from cdobs_cli.certify.levels import Level
 from cdobs_cli.certify.linear import is_linear, stable_intervals
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.dead_beat import DeadBeat, resets
 from cdobs_cli.certify.stored import Judged, Reader, judged
 from cdobs_cli.certify.unseen import Unseen, unseen
+from cdobs_cli.delays import put_in_words
 from cdobs_cli.design import Design
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text, lower_text, text_below, upper_text
 from cdobs_cli.plant import Plant
 from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
+
+if TYPE_CHECKING:
+    from cdobs_cli.certify.late import LateMaps
+    from cdobs_cli.certify.levels import Level
 
 _UNSEEN = "unseen direction"
 _UNCORRECTED = "growth without samples"
@@ -165,6 +158,8 @@ def judge(card: Card, plant: Plant, design: Design, effort: int) -> Check:
     of_errors, error_bounds = accuracy.accuracy(question, sized)
     envelope, late = _envelope(judgement), []
     if plant.delays:
+        from cdobs_cli.certify.late_claims import Sized, delay_max, growth, late_accuracy, late_claim, starts
+
         if of_errors:
             sizes = Sized(error_bounds, starts(sized, plant.n))
             of_errors, error_bounds = late_accuracy(question, card.late_maps, of_errors, sizes)
@@ -260,7 +255,7 @@ def _lost_by_chance(judgement: Judgement) -> tuple[str, Witness] | None:
 
 
 def _converges(law: SamplingLaw, plant: Plant) -> str:
-    late = put_in_words(plant)
+    late = put_in_words(plant.delays)
     if law.is_random:
         blind = "for every slope history in the class that does not know which samples will be lost"
         return f"The error converges to 0 in mean square, and almost surely, {blind}, sampling {law.words}{late}."
@@ -479,5 +474,7 @@ def _at_present(
     """Transients of an estimate without delays as those of the one at the present."""
     if not plant.delays or not free:
         return free
+    from cdobs_cli.certify.late_claims import late_transients
+
     question = card.question(replace(plant, sampling=design.sampling), design.gain, 0)
     return late_transients(question, card.late_maps, free, quiet=quiet)

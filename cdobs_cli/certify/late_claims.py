@@ -23,12 +23,6 @@ _HOW = "balls, every word of samples that are missing"
 _KINDS: tuple[tuple[str, Norm], ...] = (("error", "size"), ("error_transient", "size"), ("rms", "mean square"))
 
 
-def put_in_words(plant: Plant) -> str:
-    """Behind a sampling law: when its samples are there; empty where that is at once."""
-    told = arrival_words(plant.delays)
-    return f", once every sample is there: {told}, and what is late is put in at its stamp" if told else ""
-
-
 @dataclass(frozen=True)
 class Sized:
     """Bounds of an estimate without delays, and from which errors those hold that hold for all time."""

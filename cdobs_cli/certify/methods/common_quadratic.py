@@ -32,6 +32,7 @@ from cdobs_cli.certify import search
 from cdobs_cli.certify.cover import covered, ends_of, law_ends
 from cdobs_cli.certify.definite import has_positive_pivots
 from cdobs_cli.certify.floats import exponentials, spectral_radii
+from cdobs_cli.certify.linear import is_linear_loop
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question
 from cdobs_cli.certify.sampled_error import SampledError, sampled_error
 from cdobs_cli.certify.symmetric_power import dimension, monomials, power
@@ -107,12 +108,6 @@ class CommonQuadratic(Method):
         if self.law.multiples:
             return Proof.of(all(form.falls(*ends_of(T)) for T in self.law.multiples), sigma)
         return Proof.of(covered(form.falls, *law_ends(self.law)), sigma)
-
-
-def is_linear_loop(question: Question) -> bool:
-    """No uncertain slope, an interval of periods."""
-    varies = question.inclusion.quantities or question.inclusion.outputs
-    return not varies and question.law.is_bounded and not question.law.is_periodic
 
 
 def sampled_loop(question: Question) -> SampledError | None:

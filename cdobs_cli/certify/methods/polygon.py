@@ -21,8 +21,9 @@ import numpy as np
 
 from cdobs_cli.certify.cover import covered, law_ends
 from cdobs_cli.certify.floats import exponentials, spectral_radii
+from cdobs_cli.certify.linear import is_linear_loop
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question
-from cdobs_cli.certify.methods.common_quadratic import is_linear_loop, sampled_loop
+from cdobs_cli.certify.methods.common_quadratic import sampled_loop
 from cdobs_cli.certify.sampled_error import SampledError
 from cdobs_cli.certify.taylor import ORDER, bernstein_weights, exponential
 from cdobs_cli.certify.texts import rate_of, rational

@@ -8,12 +8,12 @@ from typing import Protocol
 
 from cdobs_cli import progress
 from cdobs_cli.certify import search
-from cdobs_cli.certify.linear import is_linear
+from cdobs_cli.certify.linear import is_linear, is_linear_loop
 from cdobs_cli.certify.methods import named
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.clock import edges
 from cdobs_cli.certify.methods.clock.certificate import Clock
-from cdobs_cli.certify.methods.common_quadratic import is_linear_loop, longest_aperiodic
+from cdobs_cli.certify.methods.common_quadratic import longest_aperiodic
 from cdobs_cli.certify.methods.dead_beat import DeadBeat, resets
 from cdobs_cli.certify.methods.named import Known
 from cdobs_cli.certify.methods.spectral import SpectralRadius

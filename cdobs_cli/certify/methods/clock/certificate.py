@@ -44,7 +44,7 @@ from flint import arb
 from cdobs_cli.certify.bernstein import elevation
 from cdobs_cli.certify.definite import eigenvalue_range, has_positive_pivots, positive_definite
 from cdobs_cli.certify.levels import Level
-from cdobs_cli.certify.linear import is_linear
+from cdobs_cli.certify.linear import is_linear, is_linear_loop
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question
 from cdobs_cli.certify.methods.clock.form import (
     Shape,
@@ -56,7 +56,6 @@ from cdobs_cli.certify.methods.clock.form import (
     lyapunov,
     mean_gap,
 )
-from cdobs_cli.certify.methods.common_quadratic import is_linear_loop
 from cdobs_cli.certify.sampled_error import kept_and_lost
 from cdobs_cli.certify.texts import rate_of, rationals, symmetric_from_upper, upper_texts
 from cdobs_cli.exact.matrix import Matrix
