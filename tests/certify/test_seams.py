@@ -17,6 +17,7 @@ from toy_method import MaximumNorm
 
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify.falsify import refute
+from cdobs_cli.certify.methods import named
 from cdobs_cli.certify.methods.any_gain import NoGain
 from cdobs_cli.certify.methods.base import Method, Question, read
 from cdobs_cli.certify.methods.named import Known, loaded
@@ -161,3 +162,12 @@ def test_every_method_on_every_small_plant(name: str, letter: str, question: Que
         assert NoGain.propose(question) is None
     hopeless = ("undetectable", "unseen_class", "nothing")
     assert not (proofs and name.startswith(hopeless))
+
+
+def test_methods_are_known_by_their_names() -> None:
+    known = {*named.COMMON, *(one for card in CARDS.values() for one in card.methods())}
+    assert {one.name: one.loaded().name for one in known if isinstance(one, named.Named)} == {
+        one.name: one.name for one in known
+    }
+    for family, kind in FAMILIES.items():
+        assert kind.model_fields["family"].default == family
