@@ -70,9 +70,7 @@ def test_a_frozen_class_has_a_hash_and_stays_as_it_is() -> None:
         lambda kind, one, other: repr(one).endswith("(a=1, b=(1, 2))"),
         lambda kind, one, other: dataclasses.replace(one, a=2).a == 2,
         lambda kind, one, other: dataclasses.is_dataclass(kind) and kind.__match_args__[0] == "a",
-        lambda kind, one, other: issubclass(
-            dataclasses.make_dataclass("C", [("d", int)], bases=(kind,), frozen=True), kind
-        ),
+        lambda kind, one, other: dataclasses.make_dataclass("C", [], bases=(kind,), frozen=True)(1).b == (1, 2),
     ],
 )
 def test_a_class_is_finished_by_whatever_comes_first(use: Any) -> None:
