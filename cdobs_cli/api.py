@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -37,6 +37,7 @@ from cdobs_cli.errors import SpecError, UsageError
 from cdobs_cli.findings import remarks
 from cdobs_cli.outcome import STAGES, Message, Result
 from cdobs_cli.progress import watched
+from cdobs_cli.records import dataclass
 from cdobs_cli.report.html import fragment, pictures_html
 from cdobs_cli.report.model import Report
 from cdobs_cli.report.verdict import words

@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -18,6 +18,7 @@ from cdobs_cli.exact.budget import WorkError
 from cdobs_cli.outcome import Job, Message, Result, ResultStatus, exit_code, failure, judged, readable
 from cdobs_cli.printable import lines
 from cdobs_cli.progress import stage, watched
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.console import Console, Follow

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import ast
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 from cdobs_cli.codec import Noun
+from cdobs_cli.records import dataclass
 
 _SOURCE, _DEVIATES = (
     re.compile(rf"^\s*{word}:\s*(.+?)(?=^\s*\n|^\s*[A-Z][a-z]+:|\Z)", re.MULTILINE | re.DOTALL)

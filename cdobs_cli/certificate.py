@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Literal, Self
 
 from cdobs_cli.codec import KEY, OPTIONAL, Artefact, Noun
 from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 Status = Literal["proved", "refuted", "undecided"]

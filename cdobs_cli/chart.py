@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Literal
 
 from cdobs_cli.certificate import Bound
+from cdobs_cli.records import dataclass
 
 # line: a curve; steps: held until the next x; points: markers; stems: lines from 0; band: filled between y and y2;
 # limit: a horizontal line at y[0] over the whole panel; mark: a vertical line at x[0] over the whole panel; cells: the

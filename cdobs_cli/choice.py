@@ -6,7 +6,7 @@ give equal choices.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from statistics import geometric_mean
 from typing import Any
@@ -14,6 +14,7 @@ from typing import Any
 from cdobs_cli.certificate import Bound, Check
 from cdobs_cli.design import CHOICE, Design
 from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.records import dataclass
 from cdobs_cli.spec.model import Spec
 from cdobs_cli.synthesis import certify, new_design
 

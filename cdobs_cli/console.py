@@ -8,13 +8,14 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, TextIO
 
 from cdobs_cli.errors import ExitCode, ToolError
 from cdobs_cli.outcome import EXIT_CODES, Result
 from cdobs_cli.printable import line, printable
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from rich.live import Live

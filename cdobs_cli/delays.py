@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 
 from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.records import dataclass
 
 ASSUMED_OF_LATE = (
     "Stamps are exact; samples may overtake one another, and delays do not depend on noise. On arrival the estimate is "
@@ -61,3 +61,9 @@ def arrival_words(delays: Iterable[Delay], unit: str = "") -> str:
 def longest(delays: Iterable[Delay]) -> Exact:
     """The largest delay of any sensor."""
     return max((one.upper for one in delays), key=float)
+
+
+def put_in_words(delays: Sequence[Delay]) -> str:
+    """Behind a sampling law: when its samples are there; empty where that is at once."""
+    told = arrival_words(delays)
+    return f", once every sample is there: {told}, and what is late is put in at its stamp" if told else ""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Literal
 
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.codec import OPTIONAL, Artefact, Noun
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.plant import Box
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 Outcome = Literal["found", "given", "short", "none"]

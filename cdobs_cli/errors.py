@@ -11,8 +11,9 @@ What linear algebra decides is never an error: it is a claim, a bound, or a desi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
+
+from cdobs_cli.records import dataclass
 
 LONGEST_GOT = 300  # characters of what was found in a message
 INTERRUPTED = "interrupted; what was written is whole, run again to go on"

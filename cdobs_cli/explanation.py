@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from os.path import exists
 from pathlib import Path
 from shlex import quote
@@ -16,6 +16,7 @@ from cdobs_cli.errors import ArtefactError, CdobsError, UsageError
 from cdobs_cli.explain.pages import KINDS, Page, find, nearest, pages
 from cdobs_cli.outcome import readable
 from cdobs_cli.printable import lines, printable
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.certificate import Bound, Check, Claim

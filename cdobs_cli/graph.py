@@ -10,12 +10,13 @@ period.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from functools import cached_property
 from itertools import combinations, pairwise, product
 from math import gcd, prod
 
+from cdobs_cli.records import dataclass
 from cdobs_cli.sensors import Reading, Sensor, is_bounded, phases
 
 MAX_NODES, MAX_EDGES = 64, 256

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import product
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from cdobs_cli.exact.expression import Expression, Variable
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.plant import Domain, Entry, Plant, Quantity
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
 import signal
@@ -10,11 +11,12 @@ import threading
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING, Any, Protocol
 
 from cdobs_cli.outcome import Job, Result, cut_short, failure
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from multiprocessing.process import BaseProcess
@@ -89,6 +91,8 @@ def _start(call: Call, pool: list[_Worker]) -> _Worker:
     inherited = (ours, *(worker.pipe for worker in pool)) if forked else ()
     arguments = (theirs, call, os.getpid(), inherited)
     process = context.Process(target=_work, args=arguments, daemon=True)  # type: ignore[attr-defined]
+    if forked:
+        gc.freeze()  # what is loaded stays: a worker need not look through it, nor copy it to do so
     with _signals_held():
         process.start()
         theirs.close()

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 
 from cdobs_cli.certificate import Bound, Check
 from cdobs_cli.chart import Chart, Exhibits, Panel, Table
 from cdobs_cli.design import Design
+from cdobs_cli.records import dataclass
 
 SECONDS = "s"
 OF_STATES = ("error", "error_transient", "rms")  # bounds `name.<state>` in the unit of the state

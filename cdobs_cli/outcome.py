@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 from cdobs_cli.errors import ExitCode, Problem
+from cdobs_cli.records import dataclass
 
 ResultStatus = Literal["ok", "finding", "invalid", "failed"]
 Severity = Literal["error", "warning", "note"]

@@ -8,19 +8,19 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from cdobs_cli import __version__
 from cdobs_cli.certificate import Check, Witness
-from cdobs_cli.choice import chosen_design
 from cdobs_cli.design import Design
 from cdobs_cli.errors import ArtefactError, CdobsError, UsageError
 from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.outcome import readable
 from cdobs_cli.progress import stage
+from cdobs_cli.records import dataclass
 from cdobs_cli.store import CONTENT, Store, digest
 from cdobs_cli.synthesis import certify, initial_errors, is_design_of, new_design, plant_of, system_of
 
@@ -99,6 +99,8 @@ def synthesize(work: Work) -> Design:
             if work.spec.choice is None:
                 design = new_design(work.spec, work.effort)
             else:
+                from cdobs_cli.choice import chosen_design
+
                 work.spec, design = chosen_design(work.spec, work.effort)
         design = replace(design, digests={"key": work.design_key})
         work.design = replace(design, digests=work.store.write("design.json", design.document())["digests"])

@@ -6,7 +6,7 @@ xdot = A x + phi(x, u) + B u + d,    y_k = C x(t_k) + v_k,    lower_ij <= d phi_
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from fractions import Fraction
 from functools import cached_property
 from itertools import product
@@ -16,6 +16,7 @@ from cdobs_cli.codec import OPTIONAL
 from cdobs_cli.delays import Delay
 from cdobs_cli.exact.expression import ZERO, Expression, Variable, call
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 _HALF = Exact(Fraction(1, 2))

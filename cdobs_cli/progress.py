@@ -6,7 +6,9 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass, field
+from dataclasses import field
+
+from cdobs_cli.records import dataclass
 
 _EVERY = 0.2  # s between two words about the same stage
 

@@ -12,13 +12,13 @@ import sys
 import tempfile
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import closing, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cdobs_cli.errors import SpecError, ToolError, UsageError, untold
 from cdobs_cli.isolation import Call, each_isolated, end_with
 from cdobs_cli.outcome import Job, Result, failure
+from cdobs_cli.records import dataclass
 from cdobs_cli.spec.plant_file import read_plant_file
 from cdobs_cli.spec.reader import read
 from cdobs_cli.store import read_regular, write_atomically

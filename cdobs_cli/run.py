@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Any
 
 from cdobs_cli.codec import OPTIONAL, Noun
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact
 from cdobs_cli.plant import Box
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     import numpy as np

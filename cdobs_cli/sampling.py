@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from cdobs_cli import sensors as schedule
 from cdobs_cli import thresholds as sent
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
-from cdobs_cli.graph import Graph, graph
+from cdobs_cli.records import dataclass
 from cdobs_cli.sensors import GAINS, MAX_LOST, Gains, Phase, Reading, Sensor
 from cdobs_cli.thresholds import Threshold
+
+if TYPE_CHECKING:
+    from cdobs_cli.graph import Graph
 
 SamplingKind = Literal["periodic", "aperiodic", "lossy", "random", "multirate", "graph", "updated", "on_change"]
 
@@ -55,6 +57,8 @@ class SamplingLaw:
 
         Raises: ValueError for a graph that is too large."""
         if any(one.lost or one.is_free for one in sensors) or not schedule.is_bounded(sensors):
+            from cdobs_cli.graph import graph
+
             timed = graph(sensors)
             if timed is None:
                 raise ValueError("sensors of which too much is possible")
@@ -140,6 +144,8 @@ class SamplingLaw:
     @cached_property
     def graph(self) -> Graph:
         """Of sensors. Raises: ValueError of any other law."""
+        from cdobs_cli.graph import graph
+
         timed = graph(self.sensors) if self.has_sensors else None
         if timed is None:
             raise ValueError("no timed graph")

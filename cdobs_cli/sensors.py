@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from math import gcd, lcm
 from typing import Any, Literal
+
+from cdobs_cli.records import dataclass
 
 MAX_PHASES = 64  # samples of a hyperperiod
 MAX_SENSORS = 16

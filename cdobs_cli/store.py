@@ -14,7 +14,6 @@ import stat
 import tempfile
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -22,6 +21,7 @@ from cdobs_cli.certificate import Check
 from cdobs_cli.codec import parse
 from cdobs_cli.design import Design
 from cdobs_cli.errors import ToolError
+from cdobs_cli.records import dataclass
 from cdobs_cli.regular import regular_bytes
 
 T = TypeVar("T")

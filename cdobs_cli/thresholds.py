@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.records import dataclass
 from cdobs_cli.sensors import MAX_SENSORS
 
 

@@ -21,12 +21,14 @@ HEAVY = ("numpy", "scipy", "cvxpy", "clarabel", "matplotlib", "sympy", "flint", 
 def loaded(tmp_path: Path, *arguments: str) -> set[str]:
     """Top-level packages that a command loads."""
     code = (
-        "import sys, atexit\n"
+        "import sys\n"
         "names = lambda: sorted({m.partition('.')[0] for m in sys.modules})\n"
-        "atexit.register(lambda: print('LOADED ' + ' '.join(names()), file=sys.stderr))\n"
         "from cdobs_cli.__main__ import main\n"
         f"sys.argv = ['cdobs', *{list(arguments)!r}]\n"
-        "main()\n"
+        "try:\n"
+        "    main()\n"
+        "finally:\n"
+        "    print('LOADED ' + ' '.join(names()), file=sys.stderr)\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", code],
@@ -57,6 +59,31 @@ def test_check_of_a_stored_design_loads_no_solver(tmp_path: Path, pendulum: str,
     (tmp_path / "p.yaml").write_text(pendulum)
     assert cdobs("synthesize", "p.yaml").returncode == 0
     assert not loaded(tmp_path, "check", "p.yaml") & {"cvxpy", "clarabel", "matplotlib", "sympy"}
+
+
+def test_a_check_loads_what_its_design_names(tmp_path: Path, pendulum: str, cdobs: Cdobs) -> None:
+    (tmp_path / "p.yaml").write_text(pendulum)
+    assert cdobs("synthesize", "p.yaml").returncode == 0
+    code = (
+        "import sys\n"
+        "from pathlib import Path\n"
+        "from cdobs_cli.batch import Settings, run\n"
+        "from cdobs_cli.outcome import Job\n"
+        "print(run(Job(Path('p.yaml'), Path('results/p')), ('check',), Settings()).status)\n"
+        "print(*sys.modules)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True,
+        text=True, check=True,
+    )  # fmt: skip
+    status, modules = done.stdout.splitlines()
+    assert status == "ok"
+    room, seen = "cdobs_cli.certify.methods.", modules.split()
+    assert not {"scipy", "clarabel", "matplotlib"} & {name.partition(".")[0] for name in seen}
+    assert {name.removeprefix(room).partition(".")[0] for name in seen if name.startswith(room)} <= {
+        "base", "clock", "counterexample", "dead_beat", "named", "planar", "on_change", "spectral", "rung", "polygon",
+    }  # fmt: skip
+    assert "cdobs_cli.families.interval" not in seen and "cdobs_cli.choice" not in seen
 
 
 def test_a_good_spec_end_to_end(tmp_path: Path, pendulum: str, cdobs: Cdobs) -> None:

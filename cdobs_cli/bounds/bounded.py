@@ -5,17 +5,19 @@ from __future__ import annotations
 from fractions import Fraction
 from functools import lru_cache
 from math import ceil, inf, isfinite, log10
+from typing import TYPE_CHECKING
 
 from cdobs_cli.bounds.points import high_points, largest_met
-from cdobs_cli.bounds.ranges import known_range, value_at
-from cdobs_cli.bounds.reduction import pieces
+from cdobs_cli.bounds.ranges import Point, Range, known_range, value_at
 from cdobs_cli.bounds.region import Content, Region
-from cdobs_cli.bounds.supremum import ROUND, Bounded, supremum
 from cdobs_cli.exact.budget import forgotten
 from cdobs_cli.exact.expression import Call, Expression, Power
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.language import LANGUAGE
 from cdobs_cli.exact.numbers import Exact, fraction_text, upper_text
+
+if TYPE_CHECKING:
+    from cdobs_cli.bounds.supremum import Bounded
 
 # Work of one search: nodes of the expression times boxes.
 FULL = 6_000_000
@@ -33,19 +35,24 @@ def bounded(function: Expression, region: Region, limit: Exact, work: int) -> Bo
 # What is found by one stage is asked again by the next, over the same region.
 @lru_cache(256)
 def _bounded(function: Expression, content: Content, limit: Exact, work: int) -> Bounded:
+    from cdobs_cli.bounds import supremum
+    from cdobs_cli.bounds.reduction import pieces
+
     region = Region.of_content(content)
     parts = list(pieces(function, region))
     judged = []
     for piece in parts:
         n, size = len(piece.region.names), sum(map(_size, piece.forms))
         cost = size * (1 + n) + 4 * len(piece.region.where) * n * (n + 2)
-        judged.append(supremum(piece.forms, piece.region, limit, max(4 * ROUND, work // (cost * len(parts)))))
+        judged.append(
+            supremum.supremum(piece.forms, piece.region, limit, max(4 * supremum.ROUND, work // (cost * len(parts))))
+        )
         if judged[-1].point is not None:
             return judged[-1]
     left = [one for one in judged if one.status != "proved"]
     box = next((one.box for one in left if one.box), None)
     value = max((one.value for one in judged), default=-inf)
-    return Bounded("undecided" if left else "proved", value, None, box)
+    return supremum.Bounded("undecided" if left else "proved", value, None, box)
 
 
 forgotten(_bounded.cache_clear)
@@ -67,7 +74,7 @@ def least_bound(function: Expression, region: Region, tolerance: float = 0.002, 
     width. Where the work does not suffice for that, the bound that was reached.
     """
     own = known_range(function, region.box)
-    best, lowest = (largest_met(side, region, high_points(side, region)) for side in (function, -function))
+    best, lowest = (_highest(side, region.content) for side in (function, -function))
     if best is None or abs(met := Fraction(best[0].lower)) > LARGEST:
         return None
     width = 0.0 if lowest is None else float(met + min(Fraction(lowest[0].lower), LARGEST))
@@ -94,6 +101,16 @@ def least_bound(function: Expression, region: Region, tolerance: float = 0.002, 
         if isinstance(higher, Fraction):
             met = max(met, higher)
     return None
+
+
+@lru_cache(256)  # |f| is bounded from either side
+def _highest(function: Expression, content: Content) -> tuple[Range, Point] | None:
+    """The largest value met."""
+    region = Region.of_content(content)
+    return largest_met(function, region, high_points(function, region))
+
+
+forgotten(_highest.cache_clear)
 
 
 def _is_short(value: Fraction) -> bool:

@@ -8,7 +8,7 @@ its ball, point by point. Nothing is ever nan: what may be undefined is the whol
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from functools import reduce
 from itertools import product
@@ -25,6 +25,7 @@ from cdobs_cli.exact.functions import exact_ball, fraction_ball, point_ball, pow
 from cdobs_cli.exact.language import LANGUAGE, Function
 from cdobs_cli.exact.precision import precision
 from cdobs_cli.exact.shapes import Cornered, Kink, Monotone, Periodic
+from cdobs_cli.records import dataclass
 
 Ends = tuple[Array, Array]
 _BITS = 80

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from fractions import Fraction
 
 from cdobs_cli.bounds.bounded import TRIAL, bounded, least_bound
@@ -14,6 +13,7 @@ from cdobs_cli.certificate import Claim, Status
 from cdobs_cli.exact.expression import Call, Expression, Power
 from cdobs_cli.exact.language import LANGUAGE, Need
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact
+from cdobs_cli.records import dataclass
 
 _SIGNS: dict[Need, str] = {"nonzero": "!= 0", "positive": "> 0", "nonnegative": ">= 0"}
 

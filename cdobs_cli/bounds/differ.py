@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from cdobs_cli.bounds.points import high_points
 from cdobs_cli.bounds.ranges import Point
 from cdobs_cli.bounds.region import Region, point_balls
 from cdobs_cli.certificate import Status
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.rational import is_zero, simplify
+from cdobs_cli.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ added to A_j. The b are guessed by least squares over points of the domain; what
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
@@ -23,6 +22,7 @@ from cdobs_cli.exact.expression import Expression, Number
 from cdobs_cli.exact.numbers import decimal_text
 from cdobs_cli.exact.rational import TooLargeError, simplify
 from cdobs_cli.plant import Entry, Plant
+from cdobs_cli.records import dataclass
 
 _POINTS = 400
 _LARGEST_PART = 0.5  # of its range that may be left of a function for the parallelogram to pay

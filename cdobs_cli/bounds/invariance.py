@@ -8,7 +8,6 @@ Lipschitz (x' = -sqrt(max(-x, 0)) is tangent at 0 and still leaves [0, 1]).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import product
 
@@ -22,6 +21,7 @@ from cdobs_cli.exact.expression import ZERO, Expression, Number, Variable
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact
 from cdobs_cli.exact.rational import simplify
 from cdobs_cli.plant import Interval, Plant
+from cdobs_cli.records import dataclass
 
 SOURCE = "Nagumo's condition on a convex set"
 # How far beyond the domain the field is looked at, in parts of each state's range (of 1 where it has no two ends).

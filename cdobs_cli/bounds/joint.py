@@ -10,7 +10,6 @@ one function, and where the entries are fewer than the functions so found, entri
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 
 from flint import fmpq, fmpq_mat
@@ -20,6 +19,7 @@ from cdobs_cli.exact.expression import ONE, ZERO, Call, Expression, ExpressionEr
 from cdobs_cli.exact.numbers import Exact, fmpq_fraction
 from cdobs_cli.exact.rational import TooLargeError, is_zero, quotients, simplify
 from cdobs_cli.plant import Entry, Plant
+from cdobs_cli.records import dataclass
 
 _MOST_TERMS = 64
 

@@ -119,6 +119,7 @@ def _scattered(region: Region, random: np.random.Generator, count: int) -> Array
 
 def largest_met(function: Expression, region: Region, points: Iterable[Point]) -> tuple[Range, Point] | None:
     """The largest value met at those of the points that are in the region, and its point."""
-    values = [(value_at(function, point), point) for point in points if region.holds(point)]
+    each = {tuple(point.items()): point for point in points}.values()  # many candidates are the same corner
+    values = [(value_at(function, point), point) for point in each if region.holds(point)]
     known = (one for one in values if isinstance(one[0].lower, Fraction))
     return max(known, key=lambda one: one[0].lower, default=None)

@@ -8,7 +8,6 @@ as the very number, and `1 - 0.3 cos(x) <= 1.3` is decided where floats or balls
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
 from itertools import product
@@ -22,6 +21,7 @@ from cdobs_cli.exact.language import LANGUAGE, Function
 from cdobs_cli.exact.numbers import clipped
 from cdobs_cli.exact.rational import simplify
 from cdobs_cli.exact.shapes import Cornered, End, Monotone, Periodic
+from cdobs_cli.records import dataclass
 
 Point = Mapping[str, Fraction]
 _MAX_BITS = 1200

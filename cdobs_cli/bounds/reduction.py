@@ -8,7 +8,7 @@ or more: what is proved on the pieces is proved on the region.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from math import gcd, inf, lcm
 
@@ -21,6 +21,7 @@ from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.language import LANGUAGE
 from cdobs_cli.exact.rational import simplify
 from cdobs_cli.exact.shapes import Kink, Periodic
+from cdobs_cli.records import dataclass
 
 MAX_KINKS = 5
 MAX_TAILS = 3

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from math import inf
 
 from flint import arb
@@ -14,6 +13,7 @@ from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, fraction_text
 from cdobs_cli.plant import Box, Interval, Plant, TypedDynamics
+from cdobs_cli.records import dataclass
 
 # All that a region is, to be remembered by: box, ends, limits, whether it is relaxed.
 Content = tuple[tuple[tuple[str, Range], ...], tuple[tuple[str, Interval], ...], tuple[Expression, ...], bool]

@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
 from math import isfinite
+from typing import TYPE_CHECKING
 
 from flint import arb
 
 from cdobs_cli.bounds.bounded import FULL, bounded, least_bound
 from cdobs_cli.bounds.definedness import Definedness, defined, defined_claim, is_total
-from cdobs_cli.bounds.invariance import domain_invariant
 from cdobs_cli.bounds.joint import joint_slopes
 from cdobs_cli.bounds.points import high_points
 from cdobs_cli.bounds.ranges import Point, known_range, value_at
 from cdobs_cli.bounds.region import Content, Region, point_balls, point_witness
-from cdobs_cli.bounds.supremum import Bounded
 from cdobs_cli.certificate import Claim, Status, Witness
 from cdobs_cli.exact.budget import forgotten
 from cdobs_cli.exact.expression import ONE, ZERO, Expression
 from cdobs_cli.exact.numbers import Exact, fraction_text, lower_text, upper_text
 from cdobs_cli.exact.rational import is_zero, simplify
 from cdobs_cli.plant import Entry, Plant, Quantity, Slopes
+from cdobs_cli.records import dataclass
+
+if TYPE_CHECKING:
+    from cdobs_cli.bounds.supremum import Bounded
 
 # How names of bounds of the outputs' slopes begin.
 OUTPUT = "output."
@@ -52,6 +55,8 @@ def slope_claims(plant: Plant) -> tuple[Claim, ...]:
         what = "phi is" if plant.h is None else "phi and the outputs are"
         claims.append(defined_claim(judged, region, what))
     if plant.domain:
+        from cdobs_cli.bounds.invariance import domain_invariant
+
         claims.append(domain_invariant(plant))
     return tuple(claims)
 

@@ -12,7 +12,6 @@ which f is largest where it is monotone. Boxes are split where g_j times the wid
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
 from math import inf, isfinite
@@ -30,6 +29,7 @@ from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.exact.shapes import End
+from cdobs_cli.records import dataclass
 
 CHUNK, ROUND = 2048, 100
 PATIENCE = 8

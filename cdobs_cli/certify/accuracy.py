@@ -4,33 +4,24 @@ either kind, of its largest value (`error.<state>`) and of its mean square (`rms
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 from flint import arb
 
 from cdobs_cli.certificate import ERROR_BOUNDED, Bound, Claim, Witness, status_of
-from cdobs_cli.certify.gains import Merit
-from cdobs_cli.certify.levels import Level
 from cdobs_cli.certify.methods.base import UNREADABLE, Method, Proof, Question, Reach
-from cdobs_cli.certify.methods.clock.graph_size import GraphMeanSquare, GraphPeak
 from cdobs_cli.certify.methods.counterexample import Attained
-from cdobs_cli.certify.methods.mean_square.average import Average
-from cdobs_cli.certify.methods.mean_square.every_time import EveryTime
-from cdobs_cli.certify.methods.mean_square.from_zero import MeanSquareFromZero
-from cdobs_cli.certify.methods.on_change.certificate import OnChangePeak
-from cdobs_cli.certify.methods.peak.certificate import Peak
-from cdobs_cli.certify.methods.peak.from_zero import PeakFromZero
-from cdobs_cli.certify.methods.response import MeanSquareResponse, PeakResponse
+from cdobs_cli.certify.methods.named import ACCURACY, Known, loaded
 from cdobs_cli.exact.numbers import Exact, lower_text, upper_text
 from cdobs_cli.plant import Box, Plant
+from cdobs_cli.records import dataclass
+
+if TYPE_CHECKING:
+    from cdobs_cli.certify.gains import Merit
+    from cdobs_cli.certify.levels import Level
 
 REACHES: tuple[Reach, ...] = ("error bound", "mean square", "error attained")
-# By the question: of each name one is kept, that of the least bound.
-METHODS: tuple[type[Method], ...] = (
-    Peak, PeakFromZero, Average, EveryTime, MeanSquareFromZero, PeakResponse, MeanSquareResponse, GraphPeak,
-    GraphMeanSquare, OnChangePeak,
-)  # fmt: skip
 Transient = Callable[[Box], tuple[arb, ...]]
 DIGITS = 6
 _ABOUT = "this gain under its law"
@@ -45,7 +36,7 @@ class Sized:
     method: Method
 
 
-def sized(question: Question, methods: Sequence[type[Method]] = METHODS) -> list[Sized]:
+def sized(question: Question, methods: Iterable[Known] = ACCURACY) -> list[Sized]:
     """Of a gain under its law: of every name that these methods bound the least bound. Uses the solver."""
     known = question.law.is_bounded or question.law.has_sensors or question.law.is_on_change
     if not (is_sized(question.plant) and known) or question.inclusion.assemble_noise is None:
@@ -68,7 +59,7 @@ def is_sized(plant: Plant) -> bool:
 
 def of_states(question: Question) -> dict[str, arb]:
     """The least bound of each state's error that has one, by the states' names. Uses the solver."""
-    return by_state(sized(question, [method for method in METHODS if method.of_one_state]))
+    return by_state(sized(question, [method for method in loaded(ACCURACY) if method.of_one_state]))
 
 
 def by_state(sizes: Iterable[Sized]) -> dict[str, arb]:
@@ -78,7 +69,7 @@ def by_state(sizes: Iterable[Sized]) -> dict[str, arb]:
 
 def from_start(question: Question) -> list[Sized]:
     """The least bounds for all time from the question's start. Uses the solver."""
-    return sized(question, [method for method in METHODS if method.reach == "error bound"])
+    return sized(question, [method for method in loaded(ACCURACY) if method.reach == "error bound"])
 
 
 def merit(weights: Sequence[float]) -> Merit:
@@ -91,7 +82,7 @@ def merit(weights: Sequence[float]) -> Merit:
         total = 0.0
         for i, weight in enumerate(weights):
             if weight:
-                guesses = (method.error_guess(about.of_state(i)) for method in METHODS if method.of_one_state)
+                guesses = (method.error_guess(about.of_state(i)) for method in loaded(ACCURACY) if method.of_one_state)
                 known = [guess for guess in guesses if guess is not None]
                 if not known:
                     return None
@@ -101,9 +92,9 @@ def merit(weights: Sequence[float]) -> Merit:
     return of
 
 
-def _asked(question: Question, methods: Iterable[type[Method]]) -> Iterator[tuple[type[Method], Question]]:
+def _asked(question: Question, methods: Iterable[Known]) -> Iterator[tuple[type[Method], Question]]:
     """Every method with what it is asked: about each state, or about all of them."""
-    for method in methods:
+    for method in loaded(methods):
         if method.takes_law(question.law) and method.applies(question):
             states = range(question.plant.n) if method.of_one_state else ()
             yield from ((method, question.of_state(i)) for i in states)

@@ -14,7 +14,6 @@ search (`adversary_search`), balls prove.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
 
@@ -28,6 +27,7 @@ from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import Exact, lower_text
 from cdobs_cli.hybrid import HybridInclusion
 from cdobs_cli.plant import Box
+from cdobs_cli.records import dataclass
 
 KIND: Literal["noise"] = "noise"
 Signal = tuple[Exact, ...]

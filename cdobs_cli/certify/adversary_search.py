@@ -10,7 +10,7 @@ of periods go side by side. What comes out is only proposed: `adversary.prove` d
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -24,6 +24,7 @@ from cdobs_cli.certify.words import Arc, Word
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact
 from cdobs_cli.hybrid import HybridInclusion
 from cdobs_cli.plant import Box
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

@@ -13,11 +13,12 @@ Source: NocedalWright2006, chapters 4 and 6 (a quasi-Newton ascent within a trus
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from math import exp, inf, isfinite, log
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

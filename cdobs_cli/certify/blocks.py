@@ -8,13 +8,14 @@ the solver returns is a guess: `definite.py` decides.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cdobs_cli.certify.lmi import Cone, SparseColumns, ask_with_multipliers
 from cdobs_cli.certify.svec import svec
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

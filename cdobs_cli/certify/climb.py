@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cdobs_cli.exact.numbers import ExactMatrix
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     import numpy as np

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
@@ -11,6 +10,7 @@ from flint import arb, fmpq
 
 from cdobs_cli.certify.ball import is_finite
 from cdobs_cli.exact.matrix import Matrix
+from cdobs_cli.records import dataclass
 
 _TIGHT = Fraction(1, 10**10)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 
 from flint import arb
 
@@ -13,6 +12,7 @@ from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.rung import GENERAL
 from cdobs_cli.design import FrontPoint
 from cdobs_cli.exact.numbers import ExactMatrix, lower_text, upper_text
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 # Periods looked at, in parts of the law's own; those beyond it up to the first that gives no gain.

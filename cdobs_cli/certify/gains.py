@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from cdobs_cli.certify import search
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.exact.numbers import ExactMatrix
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 _HALVINGS = 10

@@ -4,49 +4,40 @@ ladder of methods, the bracket of the period, and the one conclusion.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
-from typing import Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from flint import arb
 
-from cdobs_cli.certificate import CONVERGENCE, Bound, Certificate, Check, Claim, Status, Witness
+from cdobs_cli.certificate import CONVERGENCE, Bound, Check, Claim, Status, Witness
 from cdobs_cli.certify import accuracy
 from cdobs_cli.certify.falsify import every_gain_fails_from, refute, slowest_decay
-from cdobs_cli.certify.late import LateMaps
-from cdobs_cli.certify.late_claims import (
-    Sized,
-    delay_max,
-    growth,
-    late_accuracy,
-    late_claim,
-    late_transients,
-    put_in_words,
-    starts,
-)
-from cdobs_cli.certify.levels import Level
 from cdobs_cli.certify.linear import is_linear, stable_intervals
-from cdobs_cli.certify.methods.base import Method, Proof, Question, read
-from cdobs_cli.certify.methods.counterexample import Attained, Counterexample
+from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.dead_beat import DeadBeat, resets
+from cdobs_cli.certify.stored import Judged, Reader, judged
 from cdobs_cli.certify.unseen import Unseen, unseen
+from cdobs_cli.delays import put_in_words
 from cdobs_cli.design import Design
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text, lower_text, text_below, upper_text
 from cdobs_cli.plant import Plant
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
+
+if TYPE_CHECKING:
+    from cdobs_cli.certify.late import LateMaps
+    from cdobs_cli.certify.levels import Level
 
 _UNSEEN = "unseen direction"
 _UNCORRECTED = "growth without samples"
-# What the designs of every family may hold beside the methods of its own.
-COMMON: tuple[type[Method], ...] = (*accuracy.METHODS, Counterexample, Attained)
 
 
-class Card(Protocol):
+class Card(Reader, Protocol):
     """What is asked of a family's card."""
 
-    letter: ClassVar[str]
     error_source: ClassVar[str]
 
     @property
@@ -57,31 +48,11 @@ class Card(Protocol):
     def wanted_rate(self) -> Fraction:
         """What the longest period is searched at, per time unit; 0 asks for any rate."""
 
-    def methods(self) -> tuple[type[Method], ...]:
-        """The methods whose certificates its designs may hold."""
-
     def question(self, plant: Plant, gain: Mapping[str, ExactMatrix], effort: int) -> Question:
         """The error system of a gain under the plant's law; of a zero gain where none is given."""
 
     def claims_beside(self, judged: Judgement) -> tuple[list[Claim], dict[str, Bound]]:
         """What only this family's paper says of a design."""
-
-
-@dataclass(frozen=True)
-class Judged:
-    """A stored certificate, what is proved of it, and the gain it is about where that is not the design's."""
-
-    method: Method
-    proof: Proof
-    gain: Mapping[str, ExactMatrix] | None
-
-    @property
-    def own(self) -> bool:
-        return self.gain is None
-
-    @property
-    def T(self) -> Exact:
-        return self.method.law.period
 
 
 @dataclass(frozen=True)
@@ -159,9 +130,9 @@ class Judgement:
 
 def judgement_of(card: Card, plant: Plant, design: Design, effort: int) -> Judgement:
     """A design with its certificates proved again, under the law that it is for."""
-    plant, gain = replace(plant, sampling=design.sampling), design.gain
-    question = card.question(plant, gain if _has_gain(card, plant, design) else {}, effort)
-    return Judgement(card, design, question, tuple(_judged(card, question, design.certificates)))
+    gain = design.gain if _has_gain(card, plant, design) else {}
+    question = card.question(replace(plant, sampling=design.sampling), gain, effort)
+    return Judgement(card, design, question, tuple(judged(card, plant, design, question)))
 
 
 def _has_gain(card: Card, plant: Plant, design: Design) -> bool:
@@ -187,6 +158,8 @@ def judge(card: Card, plant: Plant, design: Design, effort: int) -> Check:
     of_errors, error_bounds = accuracy.accuracy(question, sized)
     envelope, late = _envelope(judgement), []
     if plant.delays:
+        from cdobs_cli.certify.late_claims import Sized, delay_max, growth, late_accuracy, late_claim, starts
+
         if of_errors:
             sizes = Sized(error_bounds, starts(sized, plant.n))
             of_errors, error_bounds = late_accuracy(question, card.late_maps, of_errors, sizes)
@@ -198,26 +171,6 @@ def judge(card: Card, plant: Plant, design: Design, effort: int) -> Check:
     unique = {claim.id: claim for claim in reversed(told)}
     every = bounds | beside_bounds | error_bounds
     return Check(tuple(reversed(unique.values())), every, envelope=envelope)
-
-
-def _judged(
-    card: Card,
-    question: Question,
-    certificates: Sequence[Certificate],
-    wanted: Callable[[Method], bool] = lambda _: True,
-) -> list[Judged]:
-    """The certificates that can be read and are wanted, each proved again."""
-    items = []
-    for certificate in certificates:
-        stored = read(certificate, (*card.methods(), *COMMON), (card.letter,))
-        if stored is None or not wanted(stored.method):
-            continue
-        gain = stored.gain
-        if gain is not None and gain[card.letter].shape != question.plant.gain_shape:
-            continue
-        about = question if gain is None else question.with_gain(gain)
-        items.append(Judged(stored.method, stored.method.prove(about), gain))
-    return items
 
 
 def _convergence(judgement: Judgement, status: Status, statement: str, **more: Any) -> Claim:
@@ -302,7 +255,7 @@ def _lost_by_chance(judgement: Judgement) -> tuple[str, Witness] | None:
 
 
 def _converges(law: SamplingLaw, plant: Plant) -> str:
-    late = put_in_words(plant)
+    late = put_in_words(plant.delays)
     if law.is_random:
         blind = "for every slope history in the class that does not know which samples will be lost"
         return f"The error converges to 0 in mean square, and almost surely, {blind}, sampling {law.words}{late}."
@@ -483,9 +436,8 @@ def _envelope(judgement: Judgement) -> dict[str, str]:
 
 
 def _covering(card: Card, plant: Plant, design: Design) -> tuple[Question, list[Judged]]:
-    plant = replace(plant, sampling=design.sampling)
-    question = card.question(plant, design.gain, 0)
-    items = _judged(card, question, design.certificates, lambda method: method.reach == "convergence")
+    question = card.question(replace(plant, sampling=design.sampling), design.gain, 0)
+    items = judged(card, plant, design, question, lambda method: method.reach == "convergence")
     return question, Judgement(card, design, question, tuple(items)).covering
 
 
@@ -509,8 +461,8 @@ def noisy_transients(card: Card, plant: Plant, design: Design) -> list[accuracy.
     question, covering = _covering(card, plant, design)
     if design.sampling.is_on_change:  # errors do not add: when messages come hangs on them. These hold under noise
         return [level.bounds for level in levels(card, plant, design)]
-    judged = _judged(card, question, design.certificates, lambda method: method.reach == "error bound")
-    sized = [accuracy.Item(item.method, item.proof) for item in judged if item.own]
+    sizing = judged(card, plant, design, question, lambda method: method.reach == "error bound")
+    sized = [accuracy.Item(item.method, item.proof) for item in sizing if item.own]
     met = (item.method.level(question) for item in covering)
     free = accuracy.transients(question, sized, [level for level in met if level is not None])
     return _at_present(card, plant, design, free, quiet=False)
@@ -522,5 +474,7 @@ def _at_present(
     """Transients of an estimate without delays as those of the one at the present."""
     if not plant.delays or not free:
         return free
+    from cdobs_cli.certify.late_claims import late_transients
+
     question = card.question(replace(plant, sampling=design.sampling), design.gain, 0)
     return late_transients(question, card.late_maps, free, quiet=quiet)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 from flint import arb
 
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, fmpq_fraction, fraction_text
+from cdobs_cli.records import dataclass
 
 
 @dataclass(frozen=True)

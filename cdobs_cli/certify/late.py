@@ -24,7 +24,7 @@ integral of (exp(A_c r) Q_d exp(A_c' r))_ii and by the resolvent Q(r) R w; delay
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import product
 from typing import Any, Literal
@@ -36,6 +36,7 @@ from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, NoiseMaps, PlantView
 from cdobs_cli.plant import Box, Plant
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 MAX_FLOWS, MAX_WORK = 1500, 4_000_000  # from one stamp to the next, of all words; the same times N^3

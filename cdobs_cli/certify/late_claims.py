@@ -4,7 +4,7 @@ those of an observer without delays."""
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from flint import arb
@@ -16,16 +16,11 @@ from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.delays import arrival_words, longest
 from cdobs_cli.exact.numbers import Exact, lower_text, upper_text
 from cdobs_cli.plant import Box, Plant
+from cdobs_cli.records import dataclass
 
 SOURCE = "cdobs, late measurements"
 _HOW = "balls, every word of samples that are missing"
 _KINDS: tuple[tuple[str, Norm], ...] = (("error", "size"), ("error_transient", "size"), ("rms", "mean square"))
-
-
-def put_in_words(plant: Plant) -> str:
-    """Behind a sampling law: when its samples are there; empty where that is at once."""
-    told = arrival_words(plant.delays)
-    return f", once every sample is there: {told}, and what is late is put in at its stamp" if told else ""
 
 
 @dataclass(frozen=True)

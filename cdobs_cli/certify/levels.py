@@ -6,7 +6,6 @@ V = e'P(tau)e never rises, so  e_j(t)^2 <= (P(tau)^-1)_jj V  for all t after the
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import reduce
 from itertools import product
 
@@ -15,6 +14,7 @@ from flint import arb
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.plant import Box
+from cdobs_cli.records import dataclass
 
 MAX_VERTICES = 2**12
 

@@ -8,7 +8,6 @@ the ends; each interval, a little smaller, is proved for every period in it by b
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -21,10 +20,12 @@ from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, decimal_text
 from cdobs_cli.hybrid import HybridInclusion
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array
+    from cdobs_cli.certify.methods.base import Question
 
 M_ = TypeVar("M_")
 _POINTS, _AT_ONCE = 1500, 50
@@ -47,6 +48,12 @@ def is_linear(inclusion: HybridInclusion) -> bool:
     """No uncertain slope, of the flow or of the outputs, one constant period or those of several sensors."""
     law = inclusion.sampling
     return not (inclusion.quantities or inclusion.outputs) and (law.is_periodic or law.is_multirate)
+
+
+def is_linear_loop(question: Question) -> bool:
+    """No uncertain slope, an interval of periods."""
+    varies = question.inclusion.quantities or question.inclusion.outputs
+    return not varies and question.law.is_bounded and not question.law.is_periodic
 
 
 def gap_shares(law: SamplingLaw) -> list[Fraction]:

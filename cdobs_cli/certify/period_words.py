@@ -10,10 +10,10 @@ of the best words move freely. What comes out is only proposed: `words.prove` de
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cdobs_cli.certify.floats import exponentials, spectral_radii
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

@@ -11,11 +11,10 @@ the range of I - M(0).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from cdobs_cli.certify.ball import null_space
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.hybrid import ErrorMaps
+from cdobs_cli.records import dataclass
 
 
 @dataclass(frozen=True)

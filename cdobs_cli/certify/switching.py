@@ -9,7 +9,6 @@ equal slopes are then merged and their lengths refined. What comes out is only p
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import accumulate, product
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +19,7 @@ from cdobs_cli.certify.floats import exponentials
 from cdobs_cli.certify.walks import Walk, walks
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

@@ -5,10 +5,11 @@ Only searches use them; certificates are stored, and proved, in the user's units
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from cdobs_cli.hybrid import PlantView
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

@@ -23,7 +23,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice, product
 from typing import Any, NamedTuple, TypeVar
@@ -39,6 +38,7 @@ from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text, fmpq_fraction, fraction_text, lower_text
 from cdobs_cli.exact.rational import is_zero, simplify
 from cdobs_cli.plant import Plant, Quantity
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.sensors import Sensor
 

@@ -7,13 +7,14 @@ what the observer does along them once their ages have settled.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
 from itertools import islice, product
 
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.graph import Edge, Graph, graph
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.sensors import Phase, Sensor, is_bounded, phases
 

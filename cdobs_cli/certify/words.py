@@ -14,7 +14,6 @@ defeats the gain.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from flint import arb
@@ -34,6 +33,7 @@ from cdobs_cli.exact.numbers import Exact, lower_text
 from cdobs_cli.exact.rational import simplify
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
 from cdobs_cli.plant import Quantity
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 M_ = TypeVar("M_")

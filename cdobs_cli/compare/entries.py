@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -12,6 +11,7 @@ from cdobs_cli.baselines.constant_gain import placed_gain
 from cdobs_cli.baselines.poles import linearised
 from cdobs_cli.errors import SpecError, UsageError
 from cdobs_cli.families import FAMILIES
+from cdobs_cli.records import dataclass
 from cdobs_cli.spec.auto_block import AutoBlock, Choice
 from cdobs_cli.spec.model import Spec, load_document, with_files
 from cdobs_cli.spec.reader import Document, read

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 from cdobs_cli.baselines.output_predictor import output_predictor, predictor_gain
@@ -14,6 +14,7 @@ from cdobs_cli.compare.entries import POLES, Entry, linearised_at_start, must_be
 from cdobs_cli.comparison import errors_beside
 from cdobs_cli.design import Design
 from cdobs_cli.outcome import Result
+from cdobs_cli.records import dataclass
 from cdobs_cli.report.model import HEADLINE_BOUNDS
 from cdobs_cli.spec.model import Spec
 from cdobs_cli.synthesis import system_of

@@ -6,7 +6,7 @@ xdot = f(x, u) + d,  y = h(x) + v;   z = T(x):   zdot = A z + phi(z, u) + B u + 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
@@ -30,6 +30,7 @@ from cdobs_cli.exact.rational import simplify
 from cdobs_cli.exact.solve import determinant, substituted
 from cdobs_cli.hybrid import OriginalStates
 from cdobs_cli.plant import Box, CoordinateMap, Domain, Interval, Plant, TypedDynamics
+from cdobs_cli.records import dataclass
 from cdobs_cli.run import ESTIMATE
 
 if TYPE_CHECKING:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from cdobs_cli.bounds.differ import compared
 from cdobs_cli.bounds.region import Region
@@ -12,6 +11,7 @@ from cdobs_cli.exact.expression import ZERO, Call, Expression, Variable, terms
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.exact.rational import is_zero, simplify
 from cdobs_cli.plant import Plant, Slopes, TypedDynamics
+from cdobs_cli.records import dataclass
 
 Trees = Sequence[Expression]
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from math import inf
 from typing import TYPE_CHECKING, Literal
@@ -27,6 +26,7 @@ from cdobs_cli.exact.expression import (
     typed_product,
 )
 from cdobs_cli.exact.shapes import Cornered, Kink, Monotone, Periodic, Rule
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from flint import arb

@@ -11,7 +11,6 @@ import operator
 import re
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 
 from cdobs_cli.exact.budget import WorkError
@@ -28,6 +27,7 @@ from cdobs_cli.exact.expression import (
 from cdobs_cli.exact.language import CHOICE, SUBSTITUTES, applied
 from cdobs_cli.exact.language import TYPED_FUNCTIONS as TYPED_FUNCTIONS
 from cdobs_cli.exact.table import MAX_POINTS, USAGE, table
+from cdobs_cli.records import dataclass
 
 MAX_LENGTH = 2000
 MAX_DEPTH = 100

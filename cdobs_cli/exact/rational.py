@@ -8,7 +8,6 @@ with its own argument brought to this form first. Cancelling may enlarge the set
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache, reduce
 from math import comb, floor, inf, lcm
@@ -35,6 +34,7 @@ from cdobs_cli.exact.expression import (
 )
 from cdobs_cli.exact.language import LANGUAGE
 from cdobs_cli.exact.numbers import fmpq_fraction
+from cdobs_cli.records import dataclass
 
 MAX_TERMS = 600
 MAX_DEGREE = 64

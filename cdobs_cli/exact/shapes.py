@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from fractions import Fraction
 from math import inf
 
 from cdobs_cli.exact.expression import Expression
+from cdobs_cli.records import dataclass
 
 Rule = Callable[..., Expression]
 End = Fraction | float  # a float only where it is inf or -inf

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from textwrap import wrap
 
 from cdobs_cli import __version__
 from cdobs_cli.export.portable import Portable
 from cdobs_cli.labels import Labels
 from cdobs_cli.printable import printable
+from cdobs_cli.records import dataclass
 
 _WIDTH = 100
 NOT_PROVED = "NOT PROVED: nothing guarantees this observer as it stands."

@@ -8,7 +8,6 @@ import platform
 import sys
 import zipfile
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from importlib.resources import files
 from xml.etree import ElementTree
 
@@ -19,6 +18,7 @@ from cdobs_cli.export.portable import Portable
 from cdobs_cli.export.vectors import Vectors
 from cdobs_cli.library import compiled
 from cdobs_cli.printable import printable
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 _WRAPPER = "fmu.c"

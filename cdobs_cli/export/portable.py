@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from math import ceil
 
 from cdobs_cli.delays import longest
@@ -16,6 +16,7 @@ from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ONE, ZERO, Expression
 from cdobs_cli.hybrid import Observer, OriginalStates
 from cdobs_cli.plant import Plant
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 Rows = tuple[Expression, ...]

@@ -13,9 +13,9 @@ from typing import Any, TypeAlias
 from flint import arb, fmpq
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify.accuracy import METHODS as METHODS_OF_ERRORS
 from cdobs_cli.certify.kernel import kernel
 from cdobs_cli.certify.methods.base import Question, read
+from cdobs_cli.certify.methods.named import ACCURACY
 from cdobs_cli.certify.texts import rationals
 from cdobs_cli.design import Design
 from cdobs_cli.errors import UsageError
@@ -93,7 +93,7 @@ def _proved(card: ConstantGain, question: Question, design: Design) -> Iterator[
     for one in design.certificates:
         if one.method not in METHODS or card.letter in one.data:
             continue
-        stored = read(one, (*card.methods(), *METHODS_OF_ERRORS), (card.letter,))
+        stored = read(one, (*card.methods(), *ACCURACY), (card.letter,))
         proof = None if stored is None else stored.method.prove(question)
         if proof is not None and proof.holds:
             yield one, proof.error

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Literal
 
 from cdobs_cli.certificate import Check
@@ -20,6 +19,7 @@ from cdobs_cli.export.python import python_text
 from cdobs_cli.export.vectors import Vectors
 from cdobs_cli.families.base import Family
 from cdobs_cli.plant import Plant
+from cdobs_cli.records import dataclass
 
 Target = Literal["c99", "python", "mat", "json", "control", "fmu", "proof"]
 

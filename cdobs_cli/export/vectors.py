@@ -6,7 +6,7 @@ Inputs are held from one sample to the next, as an exported observer holds them.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from itertools import takewhile
 from math import isfinite
@@ -19,6 +19,7 @@ from cdobs_cli.exact.expression import Number
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.export.portable import Portable
 from cdobs_cli.hybrid import HybridSystem
+from cdobs_cli.records import dataclass
 from cdobs_cli.run import ESTIMATE, SimulationPlan, Trajectory
 from cdobs_cli.sampling import SamplingLaw
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from cdobs_cli.certify.gains import GainSearch
     from cdobs_cli.certify.judge import Judgement
     from cdobs_cli.certify.methods.base import Method, Question
+    from cdobs_cli.certify.methods.named import Known
     from cdobs_cli.certify.methods.rung import Rung
     from cdobs_cli.design import Confinement, Design
     from cdobs_cli.exact.numbers import ExactMatrix
@@ -83,7 +84,7 @@ class ConstantGain(Family):
         return self.error_maps(view), self.noise_maps(view)
 
     @abstractmethod
-    def methods(self) -> tuple[type[Method], ...]:
+    def methods(self) -> tuple[Known, ...]:
         """The methods whose certificates its designs may hold."""
 
     @abstractmethod

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from cdobs_cli.chart import Chart
+from cdobs_cli.records import dataclass
 from cdobs_cli.report.equations import Equation
 from cdobs_cli.report.ladder import Ladder
 

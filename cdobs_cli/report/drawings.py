@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import field, fields, is_dataclass
 from typing import Any
 
 from cdobs_cli import __version__
 from cdobs_cli.chart import Chart
 from cdobs_cli.codec import parse
+from cdobs_cli.records import dataclass
 from cdobs_cli.report.ladder import Ladder
 
 RECORD = "figures/.drawn.json"  # of each figure: what it was drawn of, and its files

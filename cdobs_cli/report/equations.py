@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from decimal import ROUND_DOWN, Context, Decimal
 from fractions import Fraction
 from html import escape
@@ -12,6 +11,7 @@ from html import escape
 from cdobs_cli.exact.expression import MAX_ROOT, MINUS_ONE, Call, Constant, Expression, Number, Power, Variable
 from cdobs_cli.exact.language import LANGUAGE
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, fraction_text, plain_decimal
+from cdobs_cli.records import dataclass
 
 # A longer formula is named by its size: nobody reads it, and sharing inside a tree can make it exponentially long.
 MAX_OPERATIONS = 400

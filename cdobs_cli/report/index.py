@@ -6,7 +6,6 @@ import math
 import os
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 from hashlib import sha256
 from html import escape
 from importlib.resources import files
@@ -14,6 +13,7 @@ from urllib.parse import quote
 
 from cdobs_cli.certificate import Bound
 from cdobs_cli.plant import Plant
+from cdobs_cli.records import dataclass
 from cdobs_cli.report.model import Report, bound_title
 from cdobs_cli.report.numbers import bracket_words, float_or_none
 from cdobs_cli.report.status import status_badge

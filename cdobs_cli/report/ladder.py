@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 from cdobs_cli.certificate import Bound
+from cdobs_cli.records import dataclass
 from cdobs_cli.report.numbers import bracket_words, float_or_none
 
 

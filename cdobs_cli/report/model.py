@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,7 @@ from cdobs_cli.chart import Chart, Exhibits
 from cdobs_cli.design import Design
 from cdobs_cli.labels import Labels
 from cdobs_cli.plant import Domain, Plant, TypedDynamics
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.coordinates import Coordinates

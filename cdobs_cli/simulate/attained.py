@@ -9,7 +9,6 @@ an affine map away from the arc's start.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from cdobs_cli.errors import UsageError
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import HybridInclusion
+from cdobs_cli.records import dataclass
 
 _POINTS = 12  # of an arc
 _CLOSE = 1e-9  # of what a word still remembers of its start

@@ -6,7 +6,6 @@ periods, under its disturbance and noise, up to where a bound has crossed the st
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
@@ -18,6 +17,7 @@ from cdobs_cli.exact.expression import Expression, ExpressionError, Number, Vari
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.plant import Box
+from cdobs_cli.records import dataclass
 from cdobs_cli.run import Run, SimulationPlan
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.engine import simulate

@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from cdobs_cli.arrays import Array, Integers
 from cdobs_cli.codegen import c_function, number, prelude
 from cdobs_cli.exact.expression import Expression
 from cdobs_cli.library import library
+from cdobs_cli.records import dataclass
 from cdobs_cli.simulate import dormand_prince as method
 from cdobs_cli.simulate import trigger
 from cdobs_cli.simulate.departure import Limits

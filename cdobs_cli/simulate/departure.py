@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.exact.expression import Expression, Variable
 from cdobs_cli.hybrid import HybridSystem
 from cdobs_cli.plant import Domain, Interval
+from cdobs_cli.records import dataclass
 from cdobs_cli.run import Departure
 from cdobs_cli.simulate.loop import stacked
 

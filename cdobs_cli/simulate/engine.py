@@ -5,7 +5,6 @@ xdot = f(t, x),  t_k <= t < t_(k+1);    y_k = C x(t_k) + v_k;    x+ = g(x-, y_k)
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +13,7 @@ from cdobs_cli.arrays import Array, Integers
 from cdobs_cli.errors import Problem, SpecError
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import HybridSystem
+from cdobs_cli.records import dataclass
 from cdobs_cli.run import Run, RunSummary, SimulationPlan, Trajectory
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.disturbance import Disturbance, longest_sub_step

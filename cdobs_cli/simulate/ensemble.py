@@ -12,7 +12,7 @@ import shutil
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from cdobs_cli.arrays import Array
 from cdobs_cli.codec import read
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import HybridSystem
+from cdobs_cli.records import dataclass
 from cdobs_cli.run import Bands, Ensemble, Run, RunSummary, SimulationPlan, Trajectory
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.simulate.compiled import Compiled

@@ -7,13 +7,13 @@ flow exactly at the time asked for, or at the first root of the trigger, whichev
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cdobs_cli.arrays import Array, Integers
+from cdobs_cli.records import dataclass
 from cdobs_cli.simulate import dormand_prince as method
 from cdobs_cli.simulate.loop import ClosedLoop
 from cdobs_cli.simulate.postponed import Postponed

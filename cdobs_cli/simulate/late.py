@@ -9,7 +9,6 @@ observer that had every sample at once.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -19,6 +18,7 @@ from cdobs_cli.arrays import Array, Booleans, Integers
 from cdobs_cli.delays import Delay
 from cdobs_cli.errors import SpecError
 from cdobs_cli.exact.compiled import compile_floats
+from cdobs_cli.records import dataclass
 from cdobs_cli.run import SimulationPlan
 from cdobs_cli.simulate.flow import Flow
 from cdobs_cli.simulate.integrator import End, Progress

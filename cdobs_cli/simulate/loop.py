@@ -9,7 +9,6 @@ sample.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from cdobs_cli.arrays import Array, Integers
 from cdobs_cli.exact.compiled import compile_floats
 from cdobs_cli.exact.expression import Expression, Number, Variable
 from cdobs_cli.hybrid import HybridSystem
+from cdobs_cli.records import dataclass
 from cdobs_cli.run import ESTIMATE
 from cdobs_cli.simulate.signals import Signals
 

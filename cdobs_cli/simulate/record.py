@@ -4,12 +4,13 @@ every measurement."""
 from __future__ import annotations
 
 from bisect import bisect_right
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import numpy as np
 
 from cdobs_cli.arrays import Array, Booleans, Integers
+from cdobs_cli.records import dataclass
 
 GRID_POINTS = 2001  # of one run; fewer for many
 SHOWN = 32  # runs that are all shown; of more some are, and the others are counted

@@ -7,7 +7,6 @@ many runs there are, nor on how far the others got.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
@@ -19,6 +18,7 @@ from cdobs_cli.exact.draws import is_random, with_draws
 from cdobs_cli.exact.expression import ZERO, Expression, Number, Variable, call
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.plant import Box, Plant
+from cdobs_cli.records import dataclass
 from cdobs_cli.run import ESTIMATE
 
 _PURPOSES = {"initial": 0, "periods": 1, "noise": 2, "disturbance": 3, "delays": 4}

@@ -6,11 +6,11 @@ Called with numpy's warnings off: an undefined trigger is no root.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from cdobs_cli.arrays import Array, Integers
+from cdobs_cli.records import dataclass
 from cdobs_cli.simulate.dormand_prince import interpolate
 
 Trigger = Callable[[Array, Array, Array], Array]

@@ -9,7 +9,6 @@ Within an arc V is constant, so every point is a matrix exponential away from th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from cdobs_cli.errors import UsageError
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.hybrid import HybridInclusion
+from cdobs_cli.records import dataclass
 
 _POINTS = 24  # of an arc
 _GROWTH = 100.0  # how far the error should have grown at the end

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 from pydantic import Field
@@ -13,6 +12,7 @@ from cdobs_cli.families import FAMILIES, Family
 from cdobs_cli.families.constant_gain import ERROR_WORDS, RATE_WORDS, WEIGHT_WORDS, Objective
 from cdobs_cli.fields import NonNegativeNumber, PositiveNumber
 from cdobs_cli.plant import Plant
+from cdobs_cli.records import dataclass
 from cdobs_cli.run import SimulationPlan
 from cdobs_cli.spec.block import Block
 

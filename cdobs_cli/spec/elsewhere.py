@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
@@ -17,6 +16,7 @@ from cdobs_cli.exact.parser import read_decimal
 from cdobs_cli.exact.units import DIGITS, period_of
 from cdobs_cli.fields import as_rows
 from cdobs_cli.labels import SECONDS
+from cdobs_cli.records import dataclass
 from cdobs_cli.spec.reader import LONGEST_FLOW, FieldPath, flow
 
 UNTYPED = ".."

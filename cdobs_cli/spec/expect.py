@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from typing import Annotated, Any, ClassVar, Literal
@@ -17,6 +16,7 @@ from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.exact.parser import nearest
 from cdobs_cli.fields import ExactNumber, NonNegativeNumber, bounded, read_exact, wrong
+from cdobs_cli.records import dataclass
 from cdobs_cli.spec.block import Block, Text
 from cdobs_cli.spec.reader import DecimalText
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import field, fields, is_dataclass, replace
 from fractions import Fraction
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -22,6 +22,7 @@ from cdobs_cli.families import FAMILIES, Family
 from cdobs_cli.fields import read_exact
 from cdobs_cli.labels import SECONDS, Labels
 from cdobs_cli.plant import Plant, TypedDynamics, coordinate_names
+from cdobs_cli.records import dataclass
 from cdobs_cli.run import SimulationPlan
 from cdobs_cli.spec.auto_block import AUTO, AutoBlock, Choice
 from cdobs_cli.spec.block import Block, Text, is_identifier, placed, read_block, unknown_key

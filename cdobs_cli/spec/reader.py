@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from cdobs_cli.errors import Problem, SpecError
+from cdobs_cli.records import dataclass
 from cdobs_cli.regular import IrregularError, regular_bytes
 from cdobs_cli.spec.yaml_words import plain_words
 

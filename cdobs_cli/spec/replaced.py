@@ -6,11 +6,12 @@ import copy
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from cdobs_cli.errors import Problem, SpecError
+from cdobs_cli.records import dataclass
 from cdobs_cli.spec.model import load_document
 from cdobs_cli.spec.reader import DecimalText, Document, FieldPath, Place, read_text, shown
 

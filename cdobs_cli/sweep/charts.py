@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 from cdobs_cli.certificate import Status
 from cdobs_cli.chart import AxisScale, Chart, Panel, Role, Series
 from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.records import dataclass
 from cdobs_cli.report.model import HEADLINE_BOUNDS, bound_title
 from cdobs_cli.report.numbers import float_or_none, unit_text
 from cdobs_cli.sweep.grid import Axis

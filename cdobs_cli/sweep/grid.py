@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import product
 
 from cdobs_cli.errors import UsageError
 from cdobs_cli.exact.numbers import decimal_text
+from cdobs_cli.records import dataclass
 from cdobs_cli.spec.replaced import Setting, flow_text
 
 MAX_POINTS = 10_000

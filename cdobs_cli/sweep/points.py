@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Literal
 
@@ -14,6 +14,7 @@ from cdobs_cli.codec import Artefact, Noun
 from cdobs_cli.labels import OF_STATES
 from cdobs_cli.outcome import Job, Message, Result, ResultStatus, Severity
 from cdobs_cli.printable import printable
+from cdobs_cli.records import dataclass
 from cdobs_cli.spec.reader import Document
 from cdobs_cli.spec.replaced import Setting, replaced, written
 from cdobs_cli.store import Store, digest, write_atomically

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from cdobs_cli.batch import Settings
@@ -11,6 +11,7 @@ from cdobs_cli.console import Console, say
 from cdobs_cli.errors import ArtefactError, ExitCode, SpecError
 from cdobs_cli.outcome import Message, Result, exit_code
 from cdobs_cli.printable import line
+from cdobs_cli.records import dataclass
 from cdobs_cli.report.drawings import Drawings
 from cdobs_cli.spec.model import with_files
 from cdobs_cli.spec.reader import Document, read

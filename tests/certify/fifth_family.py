@@ -8,8 +8,9 @@ from typing import Any, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict
 
 from cdobs_cli.certify.gains import GainSearch
-from cdobs_cli.certify.methods.base import Method, Question
+from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.design import ImpulsiveGain
+from cdobs_cli.certify.methods.named import Known
 from cdobs_cli.certify.methods.rung import GENERAL
 from cdobs_cli.design import Design
 from cdobs_cli.exact.expression import ZERO, Expression, Variable
@@ -36,7 +37,7 @@ class Copy(ConstantGain):
     objective: Literal["given_period", "max_period", "decay_rate"] = "given_period"
     gain: Gain | None = None
 
-    def methods(self) -> tuple[type[Method], ...]:
+    def methods(self) -> tuple[Known, ...]:
         return GENERAL.methods
 
     def gain_searches(self, question: Question) -> Sequence[GainSearch]:

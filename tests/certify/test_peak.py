@@ -15,9 +15,9 @@ from noisy_examples import asked, box, drawn, noisy, pendulum, sine
 from test_output_slopes import seen_through
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify.accuracy import METHODS
 from cdobs_cli.certify.adversary import attained
 from cdobs_cli.certify.methods.base import Question, read
+from cdobs_cli.certify.methods.named import ACCURACY, loaded
 from cdobs_cli.certify.methods.peak.certificate import Peak
 from cdobs_cli.exact.numbers import Exact, upper_text
 from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold
@@ -69,7 +69,7 @@ def changed(proposal: Peak, change: dict[str, Any]) -> Any:
     """The stored certificate with its chain changed, read again."""
     stored = json.loads(json.dumps(proposal.certificate().document()))
     stored["data"]["chains"][0] |= change
-    return read(Certificate.from_document(stored), METHODS)
+    return read(Certificate.from_document(stored), ACCURACY)
 
 
 def test_a_stored_chain_speaks_for_its_own_plant_gain_and_law_only():
@@ -114,7 +114,7 @@ def test_a_flipped_digit_is_no_proof_or_still_a_true_bound():
     places = [at for at, letter in enumerate(text) if letter.isdigit() and text[at - 1] in '"-']
     for at in rng.choice(places, 60, replace=False):
         flipped = text[:at] + str((int(text[at]) + 1 + rng.integers(8)) % 10) + text[at + 1 :]
-        stored = read(Certificate.from_document(json.loads(flipped)), METHODS)
+        stored = read(Certificate.from_document(json.loads(flipped)), ACCURACY)
         error = None if stored is None else stored.method.prove(question).error
         lost += error is None
         assert error is None or stored.method.state != "1" or error > reached
@@ -203,7 +203,7 @@ def test_an_interval_of_periods_and_the_transient_from_a_box():
     assert np.all(met < from_start) and np.all(np.array(from_start) < 1.35 * met)
     assert [one.quantity(question.plant) for one in proposals] == ["error_transient.x0", "error_transient.x1"]
     assert proposals[0].holds_from(box(["0.3", "0.1"])) and not proposals[0].holds_from(box(["0.31", "0.1"]))
-    again = read(Certificate.from_document(json.loads(json.dumps(proposals[0].certificate().document()))), METHODS)
+    again = read(Certificate.from_document(json.loads(json.dumps(proposals[0].certificate().document()))), ACCURACY)
     assert again.method == proposals[0]
     wider = replace(proposals[1], start=[["-0.3", "0.3"], ["-0.4", "0.4"]])
     assert proved(wider, question) > from_start[1]
@@ -232,7 +232,7 @@ def test_no_run_passes_a_bound(seed):
     runs = largest_errors(question, 60, 50, rng)
     from_start = largest_errors(question, 60, 50, rng, start)
     met = 0
-    for method in METHODS:
+    for method in loaded(ACCURACY):
         for i in range(question.plant.n if method.applies(question) else 0):
             for about, largest in ((question.of_state(i), runs), (question.of_state(i).started(start), from_start)):
                 proposal = method.propose(about)

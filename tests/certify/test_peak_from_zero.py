@@ -13,10 +13,10 @@ from example_inclusions import aperiodic, plant
 from noisy_examples import asked, box, noisy, pendulum, sine
 
 from cdobs_cli.certificate import Certificate
-from cdobs_cli.certify.accuracy import METHODS
 from cdobs_cli.certify.adversary import attained
 from cdobs_cli.certify.methods.base import Question, read
 from cdobs_cli.certify.methods.clock.certificate import split_basis
+from cdobs_cli.certify.methods.named import ACCURACY
 from cdobs_cli.certify.methods.peak.certificate import Peak
 from cdobs_cli.certify.methods.peak.from_zero import PeakFromZero
 from cdobs_cli.certify.methods.peak.split import split_error
@@ -78,7 +78,7 @@ def test_a_stored_bound_speaks_for_its_own_plant_gain_and_law_only():
     question = pendulum(None, ("1", "1.2"), law=aperiodic(0, "0.6"))
     proposal = proposed(question, 1)
     stored = json.loads(json.dumps(proposal.certificate().document()))
-    again = read(Certificate.from_document(stored), METHODS).method
+    again = read(Certificate.from_document(stored), ACCURACY).method
     assert again == proposal and again.prove(question).error.upper() == proposal.prove(question).error.upper()
     assert not again.prove(pendulum(None, ("1", "1.4"), law=aperiodic(0, "0.6"))).holds
     assert not again.prove(pendulum(None, ("1", "1.2"), law=aperiodic(0, "0.6"), c=("1.2", "0"))).holds
@@ -90,7 +90,7 @@ def test_a_stored_bound_speaks_for_its_own_plant_gain_and_law_only():
         {"basis": [["1", "1"], ["1", "1"]]}, {"pieces": ["1", "2"]}, {"degree": "0"}, {"state": "3"},
     ):  # fmt: skip
         document = {**stored, "data": stored["data"] | change}
-        changed = read(Certificate.from_document(document), METHODS)
+        changed = read(Certificate.from_document(document), ACCURACY)
         assert changed is None or not changed.method.prove(question).holds, change
     for law in (aperiodic(0, "0.7"), aperiodic("0.1", "0.6")):
         assert not replace(again, law=law).prove(question).holds

@@ -17,8 +17,10 @@ from toy_method import MaximumNorm
 
 from cdobs_cli.certificate import Certificate
 from cdobs_cli.certify.falsify import refute
+from cdobs_cli.certify.methods import named
 from cdobs_cli.certify.methods.any_gain import NoGain
 from cdobs_cli.certify.methods.base import Method, Question, read
+from cdobs_cli.certify.methods.named import Known, loaded
 from cdobs_cli.certify.methods.rung import GENERAL, One
 from cdobs_cli.certify.unseen import unseen
 from cdobs_cli.exact.numbers import ExactMatrix
@@ -45,7 +47,7 @@ simulation: {horizon: 20, initial_state: [1, 0], initial_estimate: [0, 0]}
 class Measured(Copy):
     """The fifth family with the toy method as a rung of its ladder."""
 
-    def methods(self) -> tuple[type[Method], ...]:
+    def methods(self) -> tuple[Known, ...]:
         return (MaximumNorm, *GENERAL.methods)
 
     def rungs(self, question: Question) -> tuple[Any, ...]:
@@ -127,7 +129,7 @@ def questions() -> Iterator[tuple[str, str, Question]]:
 
 
 def methods(letter: str) -> tuple[type[Method], ...]:
-    return (*CARDS[letter].methods(), MaximumNorm)
+    return tuple(loaded((*CARDS[letter].methods(), MaximumNorm)))
 
 
 @pytest.mark.parametrize(("name", "letter", "question"), [pytest.param(*one, id=one[0]) for one in questions()])
@@ -160,3 +162,12 @@ def test_every_method_on_every_small_plant(name: str, letter: str, question: Que
         assert NoGain.propose(question) is None
     hopeless = ("undetectable", "unseen_class", "nothing")
     assert not (proofs and name.startswith(hopeless))
+
+
+def test_methods_are_known_by_their_names() -> None:
+    known = {*named.COMMON, *(one for card in CARDS.values() for one in card.methods())}
+    assert {one.name: one.loaded().name for one in known if isinstance(one, named.Named)} == {
+        one.name: one.name for one in known
+    }
+    for family, kind in FAMILIES.items():
+        assert kind.model_fields["family"].default == family

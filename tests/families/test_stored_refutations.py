@@ -18,8 +18,8 @@ from cdobs_cli.store import Store
 SPECS = ("reachability_pendulum", "reachability_pendulum_noise", "lpv_zoh_sine", "interval_pendulum_best")
 SEARCHES = (
     "cdobs_cli.certify.switching.propose_for", "cdobs_cli.certify.adversary_search.propose",
-    "cdobs_cli.certify.period_words.propose", "cdobs_cli.certify.methods.counterexample.smallest_refuted",
-    "cdobs_cli.families.interval.held_loop.smallest_refuted",
+    "cdobs_cli.certify.period_words.propose", "cdobs_cli.families.interval.held_loop.smallest_refuted",
+    "cdobs_cli.certify.bracket.smallest_refuted",
 )  # fmt: skip
 
 

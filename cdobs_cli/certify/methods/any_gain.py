@@ -9,7 +9,6 @@ periods used.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import product
 from math import comb
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -23,6 +22,7 @@ from cdobs_cli.certify.words import are_within
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.plant import Plant
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:

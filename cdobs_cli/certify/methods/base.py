@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, fields, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
@@ -16,11 +16,13 @@ from flint import arb
 
 from cdobs_cli.certificate import Certificate, Claim
 from cdobs_cli.certify import search
+from cdobs_cli.certify.methods.named import Known, loaded
 from cdobs_cli.codec import read_fields
 from cdobs_cli.exact.expression import ExpressionError
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text
 from cdobs_cli.hybrid import HybridInclusion
 from cdobs_cli.plant import Box, Plant
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
@@ -272,9 +274,9 @@ class Stored:
     gain: Mapping[str, ExactMatrix] | None
 
 
-def read(certificate: Certificate, methods: Iterable[type[Method]], letters: Iterable[str] = ()) -> Stored | None:
+def read(certificate: Certificate, methods: Iterable[Known], letters: Iterable[str] = ()) -> Stored | None:
     """The method that wrote a certificate, of those given; None where none of them did."""
-    kind = next((method for method in methods if method.name == certificate.method), None)
+    kind = next(loaded(method for method in methods if method.name == certificate.method), None)
     if kind is None:
         return None
     data = dict(certificate.data)

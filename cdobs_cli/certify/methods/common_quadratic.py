@@ -22,7 +22,6 @@ s is one of finitely many, and G > 0 at each of them is enough.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
@@ -33,6 +32,7 @@ from cdobs_cli.certify import search
 from cdobs_cli.certify.cover import covered, ends_of, law_ends
 from cdobs_cli.certify.definite import has_positive_pivots
 from cdobs_cli.certify.floats import exponentials, spectral_radii
+from cdobs_cli.certify.linear import is_linear_loop
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question
 from cdobs_cli.certify.sampled_error import SampledError, sampled_error
 from cdobs_cli.certify.symmetric_power import dimension, monomials, power
@@ -40,6 +40,7 @@ from cdobs_cli.certify.taylor import ORDER, Taylor, bernstein_weights, entries, 
 from cdobs_cli.certify.texts import rate_of, symmetric_from_upper, upper_texts
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import fraction_text
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
@@ -107,12 +108,6 @@ class CommonQuadratic(Method):
         if self.law.multiples:
             return Proof.of(all(form.falls(*ends_of(T)) for T in self.law.multiples), sigma)
         return Proof.of(covered(form.falls, *law_ends(self.law)), sigma)
-
-
-def is_linear_loop(question: Question) -> bool:
-    """No uncertain slope, an interval of periods."""
-    varies = question.inclusion.quantities or question.inclusion.outputs
-    return not varies and question.law.is_bounded and not question.law.is_periodic
 
 
 def sampled_loop(question: Question) -> SampledError | None:

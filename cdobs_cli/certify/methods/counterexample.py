@@ -4,17 +4,15 @@ slopes and signals that makes its error large. Searches find them, in floats; ba
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 from cdobs_cli.certificate import Witness
-from cdobs_cli.certify.adversary import attained, attains
-from cdobs_cli.certify.bracket import smallest_refuted
 from cdobs_cli.certify.falsify import refute
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
 from cdobs_cli.certify.words import refutes
 from cdobs_cli.design import COUNTEREXAMPLE
 from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.records import dataclass
 
 
 @dataclass(frozen=True)
@@ -45,6 +43,8 @@ class Counterexample(Method):
     @classmethod
     def shortest(cls, question: Question, above: Exact | None) -> Self | None:
         """That of the shortest period found above one: of the question's law with its period replaced."""
+        from cdobs_cli.certify.bracket import smallest_refuted
+
         met = smallest_refuted(lambda T: question.at(T).inclusion, above, question.effort)
         return None if met is None else cls(question.law.with_period(met[0]), met[1].document())
 
@@ -79,6 +79,8 @@ class Attained(Method):
 
     @classmethod
     def propose(cls, question: Question) -> Self | None:
+        from cdobs_cli.certify.adversary import attained
+
         assert question.state is not None
         if not cls.applies(question):
             return None
@@ -86,6 +88,8 @@ class Attained(Method):
         return None if met is None else cls(question.law, question.state, met[1].document())
 
     def _prove(self, question: Question) -> Proof:
+        from cdobs_cli.certify.adversary import attains
+
         witness = Witness.from_document(self.witness)
         reached = attains(question.inclusion, witness)
         if reached is None or not reached > 0 or witness.data["state"] != self.state:

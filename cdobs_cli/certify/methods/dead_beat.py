@@ -8,7 +8,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import ClassVar, Self
 
 from flint import arb
@@ -17,6 +16,7 @@ from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Rea
 from cdobs_cli.certify.sylvester import is_observable
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.hybrid import HybridInclusion
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 

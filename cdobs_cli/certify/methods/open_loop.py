@@ -7,7 +7,6 @@ V = e'Pe falls at rate 2 sigma whenever samples come, or if none ever does.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
@@ -19,6 +18,7 @@ from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Rea
 from cdobs_cli.certify.methods.clock.form import lyapunov
 from cdobs_cli.certify.texts import rate_of, symmetric_from_upper, upper_texts
 from cdobs_cli.exact.numbers import fraction_text
+from cdobs_cli.records import dataclass
 
 _DIGITS = 12
 

@@ -14,7 +14,6 @@ suffices there: then g(z+) <= (1 - epsilon s) g(z).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -22,13 +21,15 @@ import numpy as np
 
 from cdobs_cli.certify.cover import covered, law_ends
 from cdobs_cli.certify.floats import exponentials, spectral_radii
+from cdobs_cli.certify.linear import is_linear_loop
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question
-from cdobs_cli.certify.methods.common_quadratic import is_linear_loop, sampled_loop
+from cdobs_cli.certify.methods.common_quadratic import sampled_loop
 from cdobs_cli.certify.sampled_error import SampledError
 from cdobs_cli.certify.taylor import ORDER, bernstein_weights, exponential
 from cdobs_cli.certify.texts import rate_of, rational
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import decimal_text, fraction_text
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

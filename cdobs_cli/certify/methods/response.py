@@ -20,7 +20,7 @@ Source: cdobs, error bounds; the gains are those of the L1 theory (Dahleh and Pe
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from functools import cached_property, lru_cache
 from math import ceil
@@ -38,6 +38,7 @@ from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.hybrid import HybridInclusion
 from cdobs_cli.plant import Box, Plant
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 _LEFT = 0.03  # of an error, after the turns that are summed one by one

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Protocol
 
 from cdobs_cli import progress
 from cdobs_cli.certify import search
-from cdobs_cli.certify.linear import is_linear
+from cdobs_cli.certify.linear import is_linear, is_linear_loop
+from cdobs_cli.certify.methods import named
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.certify.methods.clock import edges
 from cdobs_cli.certify.methods.clock.certificate import Clock
-from cdobs_cli.certify.methods.clock.graph import ClockGraph
-from cdobs_cli.certify.methods.common_quadratic import CommonQuadratic, is_linear_loop, longest_aperiodic
+from cdobs_cli.certify.methods.common_quadratic import longest_aperiodic
 from cdobs_cli.certify.methods.dead_beat import DeadBeat, resets
-from cdobs_cli.certify.methods.polygon import Polygon
+from cdobs_cli.certify.methods.named import Known
 from cdobs_cli.certify.methods.spectral import SpectralRadius
 from cdobs_cli.exact.numbers import Exact
+from cdobs_cli.records import dataclass
 
 _RATE_WIDTH = Fraction(1, 200)
 _RATE_DIGITS = 6
@@ -71,12 +71,14 @@ class General:
     the clock-dependent function."""
 
     name: str = "clock"
-    methods: tuple[type[Method], ...] = (
-        DeadBeat, SpectralRadius, CommonQuadratic, Polygon, Clock, ClockGraph,
-    )  # fmt: skip
+    methods: tuple[Known, ...] = named.GENERAL
 
     def propose(self, question: Question) -> Method | None:
-        asked = (method for method in self.methods if method.takes_law(question.law) and method.applies(question))
+        asked = (
+            method
+            for method in named.loaded(self.methods)
+            if method.takes_law(question.law) and method.applies(question)
+        )
         proposals = (method.propose(question) for method in asked)
         return told(lambda: next((one for one in proposals if one is not None), None), self.name, question)
 

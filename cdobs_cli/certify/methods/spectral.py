@@ -6,7 +6,6 @@ Stability may be lost and regained as the period grows: `linear.stable_intervals
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import ClassVar, Self
 
 from cdobs_cli.certify.ball import has_spectral_radius_below
@@ -15,6 +14,7 @@ from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question
 from cdobs_cli.certify.texts import rate_of
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import fraction_text
+from cdobs_cli.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -18,6 +18,7 @@ from cdobs_cli.families.interval.method import SOURCE
 from cdobs_cli.families.interval.observer import inclusion
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.plant import Plant
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ into the orthant until then, keeps z, and with it x, between its bounds for ever
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any, Self, TypeVar
@@ -28,6 +28,7 @@ from cdobs_cli.families.interval.held import flow, holds_between, holds_under, i
 from cdobs_cli.families.interval.method import Part, between
 from cdobs_cli.families.interval.rays import extreme_rays
 from cdobs_cli.families.interval.system import System
+from cdobs_cli.records import dataclass
 
 C = TypeVar("C", bound="Cone")
 _MOST_STATES = 6

@@ -10,7 +10,6 @@ of that one component decides; what is stored is rational (periods as typed in t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
@@ -22,6 +21,7 @@ from cdobs_cli.exact.numbers import Exact, fraction_text, upper_text
 from cdobs_cli.families.interval.parts import both_sides, column, entries
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.plant import Box, Plant
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 

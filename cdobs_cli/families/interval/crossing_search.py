@@ -6,7 +6,7 @@ where they alone make the errors. From each, the words that come closest are fol
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from itertools import product
 
@@ -18,6 +18,7 @@ from cdobs_cli.exact.numbers import Exact, decimal_text
 from cdobs_cli.families.interval.crossing import Crossing, refutes
 from cdobs_cli.families.interval.parts import both_sides
 from cdobs_cli.families.interval.system import System
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 Bools = tuple[tuple[bool, ...], tuple[bool, ...]]

@@ -8,7 +8,6 @@ largest q_j for a period is known in closed form: q_j(Tbar) = min over s <= Tbar
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
@@ -22,6 +21,7 @@ from cdobs_cli.families.interval.hurwitz import final_width
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.families.interval.theorems import Coordinates, coordinates, error_flow, width_matrix
 from cdobs_cli.plant import Plant
+from cdobs_cli.records import dataclass
 
 S_DIGITS, L_DIGITS = 7, (9, 12, 15)  # of L the fewest that keep the structure of Assumption 3
 _STRUCTURE = 1e-7

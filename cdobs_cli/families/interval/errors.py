@@ -8,7 +8,6 @@ e(0) = [S^+ S^-; S^- S^+] (x - x_lower, x_upper - x)
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -21,6 +20,7 @@ from cdobs_cli.families.interval.held import flows, growth
 from cdobs_cli.families.interval.parts import both_sides, identity_like, zeros_like
 from cdobs_cli.families.interval.theorems import Coordinates, coordinates, error_flow
 from cdobs_cli.hybrid import ErrorMaps, PlantView
+from cdobs_cli.records import dataclass
 
 _LARGEST_EXPONENT = 200.0  # of |M| s in floats
 

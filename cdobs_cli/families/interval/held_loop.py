@@ -11,7 +11,7 @@ without it, and the state stays bounded for all bounded data exactly if the held
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from typing import Any, ClassVar, Self
@@ -39,6 +39,7 @@ from cdobs_cli.families.interval.method import DIGITS, Gain, Part, between, larg
 from cdobs_cli.families.interval.parts import identity_like, symmetrised, zeros_like
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion, PlantView
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 _WIDTH = Fraction(1, 5000)

@@ -11,7 +11,6 @@ It stays bounded where |S F(s) S^-1| contracts in one weighted norm for every pe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
 from itertools import pairwise
@@ -44,6 +43,7 @@ from cdobs_cli.families.interval.method import DIGITS, Part, largest_margin
 from cdobs_cli.families.interval.parts import absolute, entries, highest, lower_of
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.families.interval.theorems import width_flow
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 _WIDTH = Fraction(1, 1000)

@@ -12,7 +12,6 @@ point of every E_w(s): for constant bounds exactly there.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import reduce
 from typing import Any, Self
 
@@ -29,6 +28,7 @@ from cdobs_cli.families.interval.method import DIGITS, Part
 from cdobs_cli.families.interval.parts import absolute, solve
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.families.interval.theorems import Coordinates, width_flow, width_matrix
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 

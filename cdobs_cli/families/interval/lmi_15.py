@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Self
 
@@ -23,6 +22,7 @@ from cdobs_cli.families.interval.method import DIGITS, Part, between, largest_ma
 from cdobs_cli.families.interval.parts import symmetrised
 from cdobs_cli.families.interval.system import System
 from cdobs_cli.families.interval.theorems import Coordinates, lmi_15, paper_flow
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 _MOST_STATES = 8  # beyond these it takes longer than it is worth

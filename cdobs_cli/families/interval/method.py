@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from fractions import Fraction
 from typing import Any, Self, TypeVar
 
@@ -14,6 +14,7 @@ from cdobs_cli.certify import search
 from cdobs_cli.certify.lmi import Program
 from cdobs_cli.certify.methods.base import Method, Question
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.records import dataclass
 
 P = TypeVar("P", bound="Part")
 Gain = Mapping[str, ExactMatrix]

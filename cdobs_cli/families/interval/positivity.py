@@ -10,7 +10,6 @@ diagonal entries E_jj with N1_jj < 0 have to be looked at.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
 
@@ -20,6 +19,7 @@ from flint import arb
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import arb_fraction
+from cdobs_cli.records import dataclass
 
 TOLERANCE = Fraction(1, 2 * 10**7)
 _STEPS = 400

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 
 from flint import arb
@@ -24,6 +23,7 @@ from cdobs_cli.families.interval.theorems import (
     width_matrix,
 )
 from cdobs_cli.plant import Box, Plant
+from cdobs_cli.records import dataclass
 
 
 @dataclass(frozen=True)

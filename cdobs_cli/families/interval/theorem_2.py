@@ -8,7 +8,6 @@ already, no solution of the LMIs exists.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from types import SimpleNamespace
 from typing import Self
@@ -34,6 +33,7 @@ from cdobs_cli.families.interval.theorems import (
     theorem_2_derivative,
     theorem_2_functional,
 )
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 SYMMETRIC = ("P", "U")

@@ -9,7 +9,6 @@ What is exact and new to the paper stands in `positivity.py`, `hurwitz.py` and `
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import reduce
 from typing import Any, TypeAlias
 
@@ -25,6 +24,7 @@ from cdobs_cli.families.interval.parts import (
     off_diagonal_part,
     positive_part,
 )
+from cdobs_cli.records import dataclass
 
 M: TypeAlias = Any  # a numpy array or a Matrix, like the other arguments
 STRUCTURE_TOLERANCE = 1e-6  # what rounding a gain to short decimals may leave in a block that should be zero

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from cdobs_cli.certify.gains import GainSearch
     from cdobs_cli.certify.judge import Judgement
     from cdobs_cli.certify.methods.base import Method, Question
+    from cdobs_cli.certify.methods.named import Known
     from cdobs_cli.certify.methods.rung import Rung
     from cdobs_cli.chart import Exhibits
     from cdobs_cli.design import Design
@@ -103,16 +104,13 @@ class LpvZeroOrderHold(ConstantGain):
 
         return observer(plant, design)
 
-    def methods(self) -> tuple[type[Method], ...]:
-        from cdobs_cli.certify.methods.any_gain import NoGain
-        from cdobs_cli.certify.methods.dead_beat import EveryPeriod
-        from cdobs_cli.certify.methods.open_loop import OpenLoop, Uncorrected
-        from cdobs_cli.certify.methods.rung import GENERAL
-        from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger
-        from cdobs_cli.families.lpv_zoh.printed_search import PrintedTheorem1
-        from cdobs_cli.families.lpv_zoh.repaired import Repaired
+    def methods(self) -> tuple[Known, ...]:
+        from cdobs_cli.certify.methods import named
 
-        return (Wirtinger, *GENERAL.methods, Repaired, PrintedTheorem1, NoGain, OpenLoop, Uncorrected, EveryPeriod)
+        repaired = named.Named("repaired", f"{__name__}.repaired", "Repaired")
+        printed = named.Named("theorem_1", f"{__name__}.printed_search", "PrintedTheorem1")
+        without = named.OPEN_LOOP, named.UNCORRECTED, named.EVERY_PERIOD
+        return (named.WIRTINGER, *named.GENERAL, repaired, printed, named.NO_GAIN, *without)
 
     def rungs(self, question: Question) -> Sequence[Rung]:
         from cdobs_cli.families.lpv_zoh.search_plan import rungs

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
@@ -19,6 +18,7 @@ from cdobs_cli.certify.methods.wirtinger.certificate import Wirtinger
 from cdobs_cli.certify.methods.wirtinger.design import HeldSynthesis, size
 from cdobs_cli.design import FrontPoint
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 _RATE_WIDTH = Fraction(1, 50)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from math import inf
@@ -25,6 +25,7 @@ from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold, accurate
 from cdobs_cli.families.lpv_zoh.search_plan import CLOCK, WIRTINGER, ClockRung, headline
 from cdobs_cli.hybrid import PlantView
 from cdobs_cli.plant import Plant
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

@@ -4,7 +4,6 @@ that meets them all."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
 from typing import Any
@@ -17,6 +16,7 @@ from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text, upper_text
 from cdobs_cli.families.lpv_zoh import theorems
+from cdobs_cli.records import dataclass
 
 SOURCE = "Boukal2020, Theorem 1"
 _DOUBLINGS = 40

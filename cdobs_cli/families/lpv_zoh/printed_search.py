@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
@@ -13,6 +12,7 @@ from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.families.lpv_zoh import theorems
 from cdobs_cli.families.lpv_zoh.printed import SOURCE, Printed, side_conditions
 from cdobs_cli.families.lpv_zoh.structure import is_class_16
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -18,6 +17,7 @@ from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix, decimal_text
 from cdobs_cli.families.lpv_zoh import theorems
 from cdobs_cli.families.lpv_zoh.structure import is_class_16
 from cdobs_cli.hybrid import PlantView
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:

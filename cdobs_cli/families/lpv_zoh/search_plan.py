@@ -5,7 +5,6 @@ small enough, the repaired Theorem 1 for its class.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -25,6 +24,7 @@ from cdobs_cli.families.lpv_zoh.printed_search import PrintedTheorem1
 from cdobs_cli.families.lpv_zoh.repaired import Repaired
 from cdobs_cli.families.lpv_zoh.structure import is_class_16
 from cdobs_cli.plant import Plant
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.families.lpv_zoh import LpvZeroOrderHold

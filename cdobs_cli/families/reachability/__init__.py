@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from cdobs_cli.certify.gains import GainSearch
     from cdobs_cli.certify.judge import Judgement
     from cdobs_cli.certify.methods.base import Method, Question
+    from cdobs_cli.certify.methods.named import Known
     from cdobs_cli.certify.methods.rung import Rung
     from cdobs_cli.chart import Exhibits
     from cdobs_cli.design import Design
@@ -150,16 +151,13 @@ class Reachability(ConstantGain):
 
         return observer(plant, design)
 
-    def methods(self) -> tuple[type[Method], ...]:
-        from cdobs_cli.certify.methods.dead_beat import EveryPeriod
-        from cdobs_cli.certify.methods.on_change.certificate import OnChange
-        from cdobs_cli.certify.methods.open_loop import OpenLoop, Uncorrected
-        from cdobs_cli.certify.methods.planar.every_gain import CellsOfGains
-        from cdobs_cli.certify.methods.planar.extremals import Planar
-        from cdobs_cli.certify.methods.rung import GENERAL
-        from cdobs_cli.families.reachability.certificate import ReachableSet
+    def methods(self) -> tuple[Known, ...]:
+        from cdobs_cli.certify.methods import named
 
-        return (ReachableSet, *GENERAL.methods, Planar, CellsOfGains, OpenLoop, Uncorrected, EveryPeriod, OnChange)
+        own = named.Named("set", f"{__name__}.certificate", "ReachableSet")
+        planar = named.PLANAR, named.CELLS_OF_GAINS
+        without = named.OPEN_LOOP, named.UNCORRECTED, named.EVERY_PERIOD
+        return (own, *named.GENERAL, *planar, *without, named.ON_CHANGE)
 
     def rungs(self, question: Question) -> Sequence[Rung]:
         from cdobs_cli.families.reachability.search_plan import rungs

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 from cdobs_cli.certificate import Bound, Claim
 from cdobs_cli.certify.judge import Judgement
-from cdobs_cli.certify.methods.on_change.certificate import OnChange
 from cdobs_cli.exact.numbers import Exact, lower_text, upper_text
 from cdobs_cli.families.reachability.certificate import SOURCE, ReachableSet
 from cdobs_cli.families.reachability.continuous import reference_claims
@@ -61,6 +60,8 @@ def undecided_claims(judgement: Judgement) -> list[Claim]:
     """Where nothing is proved of the gain, why."""
     if not judgement.law.is_on_change or any(item.method.law == judgement.law for item in judgement.here):
         return []
+    from cdobs_cli.certify.methods.on_change.certificate import OnChange
+
     why = why_undecided(judgement.plant, judgement.design.gain["K"])
     statement = f"The error falls, sampling {judgement.law.words}: {why}."
     return [Claim(OnChange.rung, "certificate", "undecided", statement, OnChange.source)]

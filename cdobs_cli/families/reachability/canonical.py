@@ -14,7 +14,6 @@ others up to tau_j, the first zero of its component j, so it is below Phi_V a_j 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, TypeAlias
 
@@ -26,6 +25,7 @@ from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.families.reachability.interval_matrix import IntervalMatrix
 from cdobs_cli.plant import Plant
+from cdobs_cli.records import dataclass
 
 Number: TypeAlias = Fraction | arb
 RELATIVE_WIDTH = Fraction(1, 10**15)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from functools import reduce
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -33,6 +33,7 @@ from cdobs_cli.families.reachability.sets import (
 from cdobs_cli.families.reachability.theorems import error_jump, growth, recovered_P, schur_13, schur_reduced
 from cdobs_cli.hybrid import PlantView
 from cdobs_cli.plant import Plant
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -17,7 +17,6 @@ allowed, and enclosed for every branch. All in balls.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 
@@ -28,6 +27,7 @@ from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
 from cdobs_cli.families.reachability.interval_matrix import IntervalMatrix
 from cdobs_cli.plant import Plant, Slopes
+from cdobs_cli.records import dataclass
 
 TERMS = 24
 SHORTEST = Fraction(1, 2**28)  # of the longest step

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 from typing import TYPE_CHECKING
@@ -12,6 +11,7 @@ from flint import arb
 
 from cdobs_cli.certify.kernel import is_zero
 from cdobs_cli.exact.matrix import Matrix
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     import numpy as np

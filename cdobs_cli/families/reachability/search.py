@@ -8,7 +8,6 @@ members over all of them, until none is violated.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from cdobs_cli.certify.kernel import Kernel
 from cdobs_cli.certify.lmi import full, symmetric
 from cdobs_cli.families.reachability.interval_matrix import IntervalMatrix
 from cdobs_cli.families.reachability.theorems import lmi_reduced, reduced_map, schur_reduced
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

@@ -14,7 +14,6 @@ from cdobs_cli.exact.expression import Expression
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.families.reachability.canonical import box_31, delta_star, holds_until, last_row
-from cdobs_cli.families.reachability.feedforward import lemma_3_1
 from cdobs_cli.families.reachability.interval_matrix import IntervalMatrix
 from cdobs_cli.families.reachability.structure import is_chain
 from cdobs_cli.hybrid import PlantView
@@ -43,7 +42,12 @@ def reachable_box(plant: Plant, delta: arb) -> IntervalMatrix | None:
     if not plant.slopes.uncertain:
         flow = PlantView.balls(plant, {}).A.exp(delta)
         return IntervalMatrix(flow, Matrix.zeros(plant.n, plant.n)) if is_finite(flow) else None
-    box = box_31(last_row(plant), delta) if is_chain(plant) else lemma_3_1(plant, delta)
+    if is_chain(plant):
+        box: IntervalMatrix | None = box_31(last_row(plant), delta)
+    else:
+        from cdobs_cli.families.reachability.feedforward import lemma_3_1
+
+        box = lemma_3_1(plant, delta)
     return box if box is not None and is_finite(box.upper) else None
 
 

@@ -166,7 +166,7 @@ class UpdatedSampling(Family):
     @property
     def is_given(self) -> bool:
         if self.is_carried:
-            from cdobs_cli.families.updated_sampling.carried.synthesis import is_whole
+            from cdobs_cli.families.updated_sampling.carried.typed import is_whole
 
             return is_whole(self)
         return super().is_given

@@ -10,7 +10,6 @@ those after i of x_hat. x and the saturated x_hat are in the box of the domain.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
 from typing import TYPE_CHECKING, Literal
@@ -29,6 +28,7 @@ from cdobs_cli.exact.parser import parse
 from cdobs_cli.exact.rational import simplify
 from cdobs_cli.families.updated_sampling.separated import modulus_bound, separated
 from cdobs_cli.plant import Interval, Plant
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.families.updated_sampling import UpdatedSampling

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from fractions import Fraction
 from math import exp, inf, isfinite, log
 from typing import Any
@@ -12,6 +11,7 @@ from flint import arb
 
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.families.updated_sampling.theorems import fixed_point, growth, lemma_1_kappa, lemma_1_phi
+from cdobs_cli.records import dataclass
 
 _LARGEST = 1e150
 

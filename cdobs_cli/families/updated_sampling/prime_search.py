@@ -6,7 +6,7 @@ of (i) by the projection lemma (or is given). Slopes and clock values enter as t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from math import exp, log
 from typing import TYPE_CHECKING
 
@@ -26,6 +26,7 @@ from cdobs_cli.families.updated_sampling.theorems import (
     theorem_2_prime_ii,
     transported,
 )
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.certify.lmi import Program

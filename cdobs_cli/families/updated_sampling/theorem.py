@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -19,6 +18,7 @@ from cdobs_cli.exact.numbers import Exact, ExactMatrix, lower_text, upper_text
 from cdobs_cli.families.updated_sampling import SCALARS
 from cdobs_cli.families.updated_sampling.period import Timing
 from cdobs_cli.families.updated_sampling.theorems import Chain, is_definite, one_step_map
+from cdobs_cli.records import dataclass
 
 Gain = Mapping[str, ExactMatrix]
 EVALUATIONS = (20, 60, 120, 240)  # of a search, by effort

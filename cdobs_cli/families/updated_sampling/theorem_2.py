@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, ClassVar
 
@@ -42,6 +41,7 @@ from cdobs_cli.families.updated_sampling.theorems import (
     theorem_2_a_2,
     theorem_2_a_2_least,
 )
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import ClassVar
 
@@ -26,6 +25,7 @@ from cdobs_cli.families.updated_sampling.theorem import (
     up,
 )
 from cdobs_cli.families.updated_sampling.theorems import Chain, condition_9_lower, is_definite, theorem_2_prime_i
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 _SLOPES = {"triangular": "lower triangular G with |G_ij| <= 1", "last_row": "|Delta| <= c |e| in the last row"}

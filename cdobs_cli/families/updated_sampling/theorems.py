@@ -7,7 +7,6 @@ e = x_hat - x throughout, and the scaled error is E = calL^-1 e with calL = diag
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from itertools import product
 from typing import Any, Generic, TypeVar
 
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from cdobs_cli.certify.definite import has_positive_pivots
 from cdobs_cli.exact.matrix import Matrix, block, symmetric
+from cdobs_cli.records import dataclass
 
 M = TypeVar("M")
 

@@ -34,7 +34,6 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self
@@ -45,7 +44,7 @@ from flint import arb
 from cdobs_cli.certify.bernstein import elevation
 from cdobs_cli.certify.definite import eigenvalue_range, has_positive_pivots, positive_definite
 from cdobs_cli.certify.levels import Level
-from cdobs_cli.certify.linear import is_linear
+from cdobs_cli.certify.linear import is_linear, is_linear_loop
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question
 from cdobs_cli.certify.methods.clock.form import (
     Shape,
@@ -57,13 +56,13 @@ from cdobs_cli.certify.methods.clock.form import (
     lyapunov,
     mean_gap,
 )
-from cdobs_cli.certify.methods.common_quadratic import is_linear_loop
 from cdobs_cli.certify.sampled_error import kept_and_lost
 from cdobs_cli.certify.texts import rate_of, rationals, symmetric_from_upper, upper_texts
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, fmpq_fraction, fraction_text
 from cdobs_cli.hybrid import ErrorMaps, HybridInclusion
 from cdobs_cli.plant import Plant
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ block is kron(g, I) + kron(e, Lyapunov operator), so nothing is rebuilt from for
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import product
 from typing import TYPE_CHECKING, Any, Protocol
@@ -19,6 +19,7 @@ from cdobs_cli.certify.lmi import Cone, SparseColumns, ask_with_multipliers
 from cdobs_cli.certify.methods.clock.form import lyapunov
 from cdobs_cli.certify.svec import svec, symmetric_basis, unsvec
 from cdobs_cli.hybrid import ErrorMaps
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

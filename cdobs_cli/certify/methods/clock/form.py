@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from itertools import accumulate, pairwise
@@ -13,6 +12,7 @@ from cdobs_cli.certify.bernstein import derivative, elevation
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.graph import Edge, Graph
 from cdobs_cli.hybrid import ErrorMaps
+from cdobs_cli.records import dataclass
 
 M_ = TypeVar("M_")
 

@@ -18,7 +18,6 @@ Source: cdobs, certificates over timed graphs
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import ClassVar, Self
@@ -36,6 +35,7 @@ from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, fraction_text
 from cdobs_cli.graph import Edge
 from cdobs_cli.hybrid import ErrorMaps
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.sensors import MAX_PHASES
 

@@ -14,7 +14,7 @@ a hyperperiod), or with  P > z z'  (|z'e|^2 <= V). Where gains are looked for th
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from cdobs_cli.certify.methods.clock.form import GraphShape
 from cdobs_cli.certify.methods.clock.graph import unit
 from cdobs_cli.certify.methods.clock.graph_search import Block, FreeGain, GraphSearch, Posed, Scaled, fields_of
 from cdobs_cli.certify.svec import full_basis, svec, symmetric_basis
+from cdobs_cli.records import dataclass
 from cdobs_cli.sensors import Reading
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ W = G K with a free matrix G, of which each of them uses the columns of what it 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from itertools import product
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -23,6 +23,7 @@ from cdobs_cli.certify.methods.clock.graph import unit
 from cdobs_cli.certify.svec import full_basis, svec
 from cdobs_cli.graph import Edge, Graph
 from cdobs_cli.hybrid import ErrorMaps
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 from cdobs_cli.sensors import groups
 

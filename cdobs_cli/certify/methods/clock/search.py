@@ -6,7 +6,7 @@ The unknowns besides its coefficients are those of W, where the gain is free.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +22,7 @@ from cdobs_cli.certify.methods.clock.form import (
     mean_gap,
 )
 from cdobs_cli.certify.svec import full_basis, svec, triangle
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

@@ -16,7 +16,6 @@ and no other inequality holds L, T_max or sigma: the gain is one of the flow, as
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,6 +24,7 @@ from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.certificate import pose
 from cdobs_cli.certify.methods.clock.form import Shape, in_basis, lyapunov
 from cdobs_cli.exact.numbers import ExactMatrix
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.mean_square.setting import units
 from cdobs_cli.certify.methods.mean_square.signals import bounded_floats, noise_floats
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

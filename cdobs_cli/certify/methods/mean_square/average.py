@@ -18,7 +18,6 @@ false where V depends on e.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -43,6 +42,7 @@ from cdobs_cli.certify.methods.mean_square.setting import EPSILONS, Setting, pad
 from cdobs_cli.certify.methods.mean_square.signals import identity_on, noise_floats, takes
 from cdobs_cli.certify.methods.mean_square.subject import MeanSquareOfAll
 from cdobs_cli.exact.numbers import ExactMatrix
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

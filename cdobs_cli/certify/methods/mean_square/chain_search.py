@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import islice
 from math import ceil, log
@@ -19,6 +18,7 @@ from cdobs_cli.certify.methods.mean_square.curves import Curves
 from cdobs_cli.certify.methods.mean_square.driven import Driven
 from cdobs_cli.certify.methods.mean_square.setting import EPSILONS, Setting
 from cdobs_cli.certify.methods.mean_square.windows import Window
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

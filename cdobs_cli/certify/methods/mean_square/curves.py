@@ -6,7 +6,7 @@ Every flow inequality is required at the corners met so far; a solution that bre
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +19,7 @@ from cdobs_cli.certify.methods.mean_square.form import instants, sample_instants
 from cdobs_cli.certify.methods.mean_square.setting import ALL_AT_ONCE
 from cdobs_cli.certify.methods.peak.form import jump_block
 from cdobs_cli.certify.svec import symmetric_basis
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +10,7 @@ from cdobs_cli.certify.methods.mean_square.setting import Setting
 from cdobs_cli.certify.methods.mean_square.signals import bounded_floats, noise_floats
 from cdobs_cli.certify.methods.peak.signals import acting
 from cdobs_cli.plant import Plant
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

@@ -22,7 +22,7 @@ on noise and disturbance: where it does, the bound may fail (the average form ho
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from itertools import pairwise
 from typing import TYPE_CHECKING, ClassVar, Self
@@ -53,6 +53,7 @@ from cdobs_cli.codec import OPTIONAL
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import decimal_text, fraction_text
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

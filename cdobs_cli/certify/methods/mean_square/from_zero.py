@@ -16,7 +16,7 @@ intensity Q is no input of the flow: it adds tr(P B Q B') to d/dt E x'P x, and
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import ClassVar, Self
 
 from flint import arb
@@ -29,6 +29,7 @@ from cdobs_cli.certify.texts import rate_of, rationals, symmetric_from_upper
 from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.numbers import Exact, decimal_text
 from cdobs_cli.plant import Box
+from cdobs_cli.records import dataclass
 
 # What stands for a white disturbance in the search: one whose square over T_max is so much of the intensity.
 _LIKE_WHITE = (1.0, 5.0, 0.2)

@@ -6,7 +6,6 @@ rho^2 P(tau) - J'P_(0)(0)J > 0    on [T_min, T_max], at all corners of J.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -24,6 +23,7 @@ from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import fraction_text
 from cdobs_cli.hybrid import ErrorMaps, NoiseMaps
 from cdobs_cli.plant import Box
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:

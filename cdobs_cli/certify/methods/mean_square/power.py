@@ -17,7 +17,6 @@ one of them is white instead it adds to E e'P e what it adds to the average form
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
@@ -44,6 +43,7 @@ from cdobs_cli.certify.methods.mean_square.signals import (
 )
 from cdobs_cli.certify.methods.mean_square.subject import MeanSquareOfAll
 from cdobs_cli.exact.numbers import decimal_text
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -14,6 +13,7 @@ from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.clock.certificate import basis
 from cdobs_cli.certify.methods.clock.form import Shape
 from cdobs_cli.hybrid import HybridInclusion
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

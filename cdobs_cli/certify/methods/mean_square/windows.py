@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from fractions import Fraction
 from math import floor
 from typing import Any
@@ -12,6 +11,7 @@ from cdobs_cli.certify.bernstein import restriction
 from cdobs_cli.certify.methods.clock.form import Shape, combination
 from cdobs_cli.certify.methods.mean_square.form import sums
 from cdobs_cli.certify.texts import rational
+from cdobs_cli.records import dataclass
 
 
 @dataclass(frozen=True)

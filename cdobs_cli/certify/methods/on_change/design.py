@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from math import lcm
 from typing import TYPE_CHECKING, Any
@@ -18,6 +17,7 @@ from cdobs_cli.certify.methods.on_change.scaled import Scaled
 from cdobs_cli.certify.methods.on_change.search import Aim, Found, Search, scan, shape_of
 from cdobs_cli.certify.methods.rung import told
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

@@ -12,13 +12,13 @@ the kernel of C_i, on which P - J'P J is 0. The equation is one between rational
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.peak.signals import acting, acting_sizes
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.plant import Plant
+from cdobs_cli.records import dataclass
 
 
 @dataclass(frozen=True)

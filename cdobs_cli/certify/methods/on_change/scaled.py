@@ -3,7 +3,6 @@ within that time against the thresholds, outputs by how far they may leave their
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -15,6 +14,7 @@ from cdobs_cli.certify.methods.base import Question
 from cdobs_cli.certify.methods.on_change.form import deltas, noise_sizes
 from cdobs_cli.certify.methods.peak.signals import acting, acting_sizes
 from cdobs_cli.exact.matrix import Matrix
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, partial
 from itertools import product
@@ -21,6 +20,7 @@ from cdobs_cli.certify.methods.on_change.form import flow_gap, silent_gap, weigh
 from cdobs_cli.certify.methods.on_change.scaled import Family, Scaled, admissible
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.numbers import decimal_text, fraction_text
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

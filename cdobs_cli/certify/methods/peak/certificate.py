@@ -3,7 +3,7 @@ functions of the last sampling intervals, one for each window of the time since 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from fractions import Fraction
 from typing import Any, ClassVar, Self
 
@@ -23,6 +23,7 @@ from cdobs_cli.certify.methods.peak.state import (
     unit,
 )
 from cdobs_cli.codec import OPTIONAL
+from cdobs_cli.records import dataclass
 
 
 @dataclass(frozen=True)

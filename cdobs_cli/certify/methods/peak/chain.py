@@ -30,7 +30,6 @@ and so on down the lags, so corners of J suffice. mu and nu need no sign of thei
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from typing import Any
@@ -45,6 +44,7 @@ from cdobs_cli.certify.texts import rational, symmetric_from_upper
 from cdobs_cli.codec import Noun
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.hybrid import ErrorMaps
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 Texts = list[list[str]]

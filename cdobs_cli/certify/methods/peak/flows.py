@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -12,6 +11,7 @@ from cdobs_cli.certify.bernstein import derivative, elevation
 from cdobs_cli.certify.methods.clock.form import Shape
 from cdobs_cli.certify.methods.peak.cones import Rows, Svec
 from cdobs_cli.certify.methods.peak.form import flow_block
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

@@ -29,7 +29,7 @@ and Q - j'Q j > 0, as in the clock certificate.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -57,6 +57,7 @@ from cdobs_cli.certify.texts import rate_of, rationals, symmetric_from_upper
 from cdobs_cli.codec import OPTIONAL
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import decimal_text, fraction_text
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.certify.methods.peak.from_zero_search import Found

@@ -6,7 +6,7 @@ Unknowns x = (svec of every P_c; mu by piece; nu; c) in scaled states, unit time
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +24,7 @@ from cdobs_cli.certify.texts import upper_texts
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import decimal_text
 from cdobs_cli.hybrid import ErrorMaps
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

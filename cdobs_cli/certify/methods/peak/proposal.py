@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from itertools import chain, islice
@@ -21,6 +20,7 @@ from cdobs_cli.certify.methods.peak.start import first_vertices
 from cdobs_cli.certify.methods.peak.state import unit
 from cdobs_cli.certify.texts import upper_texts
 from cdobs_cli.exact.numbers import decimal_text, fraction_text
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

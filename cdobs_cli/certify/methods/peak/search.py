@@ -7,7 +7,7 @@ terms. Every block is kept eps above 0, for what rounding takes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from itertools import accumulate
 from typing import TYPE_CHECKING
@@ -19,6 +19,7 @@ from cdobs_cli.certify.methods.peak.cones import Rows, Svec
 from cdobs_cli.certify.methods.peak.flows import Cut, Flows, coefficients
 from cdobs_cli.certify.methods.peak.form import jump_block
 from cdobs_cli.hybrid import ErrorMaps
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

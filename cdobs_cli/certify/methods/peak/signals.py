@@ -5,11 +5,11 @@ A box that is not symmetric lies in the symmetric one of its larger ends.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from cdobs_cli.hybrid import HybridInclusion
 from cdobs_cli.plant import Box
+from cdobs_cli.records import dataclass
 
 M = TypeVar("M")
 

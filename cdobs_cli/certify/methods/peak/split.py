@@ -11,7 +11,6 @@ to I - C K.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 from cdobs_cli.certify.definite import has_positive_pivots
@@ -22,6 +21,7 @@ from cdobs_cli.certify.methods.peak.start import first_vertices
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.hybrid import ErrorMaps
 from cdobs_cli.plant import Box
+from cdobs_cli.records import dataclass
 
 
 @dataclass(frozen=True)

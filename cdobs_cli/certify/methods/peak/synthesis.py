@@ -14,7 +14,6 @@ bounds by chains of intervals.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,6 +27,7 @@ from cdobs_cli.certify.methods.mean_square.synthesis import gain_of
 from cdobs_cli.certify.methods.peak.signals import acting
 from cdobs_cli.certify.svec import full_basis
 from cdobs_cli.exact.matrix import block
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

@@ -14,13 +14,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from itertools import groupby, product
 from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 import numpy as np
-from flint import arb
+from flint import arb, arb_mat
 
 from cdobs_cli.certify.methods.base import NOTHING, Method, Proof, Question, Reach
 from cdobs_cli.certify.methods.planar.extremals import Planar, PlanarClass, planar_class, switching
@@ -28,6 +28,7 @@ from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, decimal_text
 from cdobs_cli.hybrid import ErrorMaps
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:
@@ -123,14 +124,19 @@ class _Word:
     balls: tuple[Matrix, ...]
     floats: Array  # (W, 2, 2)
 
+    @cached_property
+    def _grown(self) -> list[arb]:
+        """The determinants of its maps."""
+        return [arb(Phi.data.det()) for Phi in self.balls]
+
     def refutes(self, x: arb, K_2: arb) -> bool:
         """Whether rho >= 1 is proved for all (x, K_2) of the balls."""
         M = Matrix.identity(2)
         det = arb(1)
-        J = Matrix.from_rows([[x, 0], [-K_2, 1]])
-        for Phi in self.balls:
+        J = Matrix(arb_mat(2, 2, [x, 0, -K_2, 1]))
+        for Phi, grown in zip(self.balls, self._grown, strict=True):
             M = J @ (Phi @ M)
-            det = det * x * arb(Phi.data.det())
+            det = det * x * grown
         trace = M[0, 0] + M[1, 1]
         return bool(1 - trace + det <= 0 or 1 + trace + det <= 0 or abs(det) >= 1)
 

@@ -19,7 +19,6 @@ Source: Dinh2014, Section IV (the class of plants); the bound is exact where the
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from itertools import pairwise
@@ -36,12 +35,14 @@ from cdobs_cli.exact.functions import fraction_ball
 from cdobs_cli.exact.matrix import Matrix
 from cdobs_cli.exact.numbers import Exact, fraction_text
 from cdobs_cli.hybrid import HybridInclusion
+from cdobs_cli.records import dataclass
 
 # Limits are looked for from a thousandth of these multiples of the asked period: from half of it, else far below.
 _REACH = (500, 5)
 T_ = TypeVar("T_")
 
 _MAX_CELLS = 20_000
+_START = Matrix.from_rows([[0], [1]])
 _NARROW = Fraction(1, 10**14)
 
 
@@ -174,17 +175,22 @@ class Branch:
 
     def at(self, t: arb) -> Matrix:
         """(2, 1): the solution at every time of the ball t."""
-        start = Matrix.from_rows([[0], [1]])
         if self.crossing is None or t <= self.crossing:
-            return self.first.exp(t) @ start
+            return self.first.exp(t) @ _START
         after = t - self.crossing
         if after >= 0:
-            return self.second.exp(after) @ (self.first.exp(self.crossing) @ start)
+            return self.second.exp(after) @ self._turned
         before = _hull(t.lower(), t.upper() if t.upper() < self.crossing.upper() else self.crossing.upper())
         late = _hull(arb(0), after.upper() if after.upper() > 0 else arb(0))
-        left = self.first.exp(before) @ start
-        right = self.second.exp(late) @ (self.first.exp(self.crossing) @ start)
+        left = self.first.exp(before) @ _START
+        right = self.second.exp(late) @ self._turned
         return Matrix.from_rows([[left[i, 0].union(right[i, 0])] for i in range(2)])
+
+    @cached_property
+    def _turned(self) -> Matrix:
+        """(2, 1): the solution at its crossing."""
+        assert self.crossing is not None
+        return self.first.exp(self.crossing) @ _START
 
     def transition(self, begin: arb, duration: arb) -> Matrix:
         """(2, 2): the derivative of the flow along the reference solution from time `begin`, after `duration`."""
@@ -215,10 +221,9 @@ def branch(matrices: tuple[Matrix, Matrix], horizon: Fraction) -> Branch | None:
     and e_1 grows as long as e_2 > 0.
     """
     first, second = matrices
-    start = Matrix.from_rows([[0], [1]])
 
     def e_2(t: arb) -> Any:
-        return (first.exp(t) @ start)[1, 0]
+        return (first.exp(t) @ _START)[1, 0]
 
     turn = FloatSweep.crossing((float(arb(first[1, 0]).mid()), float(arb(first[1, 1]).mid())))
     if turn > float(horizon):
@@ -281,9 +286,8 @@ class Sweep:
         r = e[1, 0] / d[1, 0] if e[1, 0] > e[0, 0] else e[0, 0] / d[0, 0]
         return theta, r
 
-    def end(self, s: Fraction) -> Matrix:
-        """(2, 1): e(delta; s), tightly."""
-        theta, r = self.meeting(s)
+    def end(self, s: Fraction, theta: arb, r: arb) -> Matrix:
+        """(2, 1): e(delta; s) from where it meets, tightly."""
         end: Matrix = self.fall.at(theta + fraction_ball(self.delta - s)) * r
         return end
 
@@ -311,8 +315,8 @@ class Sweep:
                 return True
             low, high, theta_low, theta_high = stack.pop()
             middle = (low + high) / 2
-            theta, _ = self.meeting(middle)
-            at_middle = g(self.end(middle))
+            theta, r = self.meeting(middle)
+            at_middle = g(self.end(middle, theta, r))
             if abs(at_middle) >= limit or not at_middle.is_finite():
                 return False
             slope = g(self.derivative(low, high, theta_low.union(theta_high)))

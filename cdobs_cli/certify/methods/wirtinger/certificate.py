@@ -5,7 +5,6 @@ edot = F_i e + L w,   w = C (e - e(t_k)),   F_i = A_i - L C,   A_i = A + V at a 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -22,6 +21,7 @@ from cdobs_cli.certify.units import Units
 from cdobs_cli.exact.matrix import Matrix, block
 from cdobs_cli.exact.matrix import symmetric as sym
 from cdobs_cli.exact.numbers import EXACT_ZERO, Exact, ExactMatrix
+from cdobs_cli.records import dataclass
 from cdobs_cli.sampling import SamplingLaw
 
 if TYPE_CHECKING:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from cdobs_cli.exact.matrix import block
 from cdobs_cli.exact.matrix import symmetric as sym
 from cdobs_cli.hybrid import PlantView
 from cdobs_cli.plant import Plant
+from cdobs_cli.records import dataclass
 
 if TYPE_CHECKING:
     from cdobs_cli.arrays import Array

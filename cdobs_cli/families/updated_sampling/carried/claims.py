@@ -19,7 +19,7 @@ from cdobs_cli.families.updated_sampling.carried.law import Law
 from cdobs_cli.families.updated_sampling.carried.observer import observer
 from cdobs_cli.families.updated_sampling.carried.proof import Floor, floor, least_eigenvalue
 from cdobs_cli.families.updated_sampling.carried.slopes import largest_slopes
-from cdobs_cli.families.updated_sampling.carried.synthesis import stored_law
+from cdobs_cli.families.updated_sampling.carried.typed import stored_law
 from cdobs_cli.families.updated_sampling.claims import bounded_claim
 from cdobs_cli.families.updated_sampling.lipschitz import Rate, largest_is_proved, rate_claim, stored_rate
 from cdobs_cli.hybrid import Observer

@@ -12,7 +12,7 @@ from cdobs_cli.certify.methods.base import UNREADABLE
 from cdobs_cli.chart import Chart, Exhibits, Panel, Series, Table
 from cdobs_cli.design import Design
 from cdobs_cli.families.updated_sampling.carried.law import Law
-from cdobs_cli.families.updated_sampling.carried.synthesis import stored_law
+from cdobs_cli.families.updated_sampling.carried.typed import stored_law
 from cdobs_cli.plant import Plant
 from cdobs_cli.run import Run, Trajectory
 

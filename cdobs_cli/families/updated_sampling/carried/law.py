@@ -10,13 +10,13 @@ q^(1 + theta), and r = max(idle, sqrt(q)) in (0, 1]. All of B, Q and r rise with
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import combinations
 from typing import Any
 
 from cdobs_cli.exact.numbers import Exact, ExactMatrix
 from cdobs_cli.plant import Entry
+from cdobs_cli.records import dataclass
 
 LAW = "law"  # the entry of a design's `details`
 MATRICES = ("F", "split", "Lambda", "gamma")

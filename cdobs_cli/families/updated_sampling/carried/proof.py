@@ -10,7 +10,6 @@ not due yet, and until it is Pi - F keeps its sign. At the sample Pi >= F, and s
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
 from itertools import pairwise
@@ -26,6 +25,7 @@ from cdobs_cli.exact.matrix import Matrix, symmetric
 from cdobs_cli.exact.numbers import Exact
 from cdobs_cli.families.updated_sampling.carried.law import Law, after_sample, hamiltonian, strengths
 from cdobs_cli.plant import Entry, Plant
+from cdobs_cli.records import dataclass
 
 SHARES = tuple(Fraction(k, 100) for k in (99, 97, 95, 92, 90, 85, 80, 70, 60, 40, 20, 10, 2))  # of F, before T_min
 _PIECES = 16

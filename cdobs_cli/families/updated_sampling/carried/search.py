@@ -7,7 +7,6 @@ of its Hamiltonian matrix to the eigenvalues outside the unit circle. F is a lit
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, partial
 from math import inf
@@ -20,6 +19,7 @@ from cdobs_cli.certify.simplex import smallest
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text
 from cdobs_cli.families.updated_sampling.carried.law import Law, hamiltonian, strengths
 from cdobs_cli.plant import Entry, Plant
+from cdobs_cli.records import dataclass
 
 EVALUATIONS = (60, 150, 300, 600)  # of one search, by effort
 SLACK = 1.02  # by which sigma is larger, and Lambda smaller, where F is found: what is given away

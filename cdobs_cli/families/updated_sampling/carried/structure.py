@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from cdobs_cli.errors import Problem
 from cdobs_cli.exact.numbers import ExactMatrix
 from cdobs_cli.families.updated_sampling.carried.law import MATRICES, NUMBERS
-from cdobs_cli.families.updated_sampling.carried.synthesis import is_whole
+from cdobs_cli.families.updated_sampling.carried.typed import is_whole
 from cdobs_cli.plant import Plant
 
 if TYPE_CHECKING:

@@ -12,10 +12,11 @@ from cdobs_cli.certificate import Bound
 from cdobs_cli.design import Design, Outcome
 from cdobs_cli.exact.numbers import Exact, ExactMatrix, decimal_text
 from cdobs_cli.families.updated_sampling.carried import errors
-from cdobs_cli.families.updated_sampling.carried.law import CHOICES, LAW, MATRICES, NUMBERS, Law
+from cdobs_cli.families.updated_sampling.carried.law import CHOICES, LAW, MATRICES, Law
 from cdobs_cli.families.updated_sampling.carried.proof import floor
 from cdobs_cli.families.updated_sampling.carried.search import Target, has_law, least_error, longest, rounded
 from cdobs_cli.families.updated_sampling.carried.slopes import largest_slopes
+from cdobs_cli.families.updated_sampling.carried.typed import is_whole, typed_parts
 from cdobs_cli.families.updated_sampling.lipschitz import rate_of
 from cdobs_cli.plant import Entry, Plant
 
@@ -48,47 +49,6 @@ def synthesize(family: UpdatedSampling, plant: Plant, effort: int) -> Design:
         return Design(family.name, "none", plant.sampling, {}, reason=reason, details=details)
     outcome: Outcome = "given" if is_whole(family) else "found"
     return Design(family.name, outcome, plant.sampling, {}, details={**details, LAW: law.document()})
-
-
-def stored_law(family: UpdatedSampling, design: Design) -> Law:
-    """The law of a stored design; what is typed of it is that of the spec.
-
-    Raises: KeyError, TypeError, ValueError, ExpressionError where there is none, or another one.
-    """
-    law = Law.read(design.details[LAW])
-    for name, value in typed_parts(family).items():
-        if getattr(law, name) != value:
-            raise ValueError(f"its {name} is not that of the spec")
-    return law
-
-
-def typed_parts(family: UpdatedSampling) -> dict[str, Any]:
-    """What the spec says of the law itself, by the law's names."""
-    block = family.law
-    parts: dict[str, Any] = {}
-    if block is not None:
-        parts = {name: one for name in (*MATRICES, *NUMBERS) if (one := getattr(block, name)) is not None}
-    if family.budget is not None:
-        parts["T_min"] = per_budget(family.budget)
-    return {
-        **parts,
-        "kappa": family.rule.kappa if family.rule else None,
-        "reset": family.reset,
-        "one": family.read == "one",
-    }
-
-
-def per_budget(budget: Exact) -> Exact:
-    """1 / budget, rounded up: never more measurements per time than that."""
-    rational = budget.rational
-    if rational is None:
-        return Exact(decimal_text(Fraction(1 / float(budget)) * (1 + Fraction(1, 10**9)), 12))
-    return Exact(1 / rational)
-
-
-def is_whole(family: UpdatedSampling) -> bool:
-    """Whether the spec types the law itself: F, split, sigma and T_min."""
-    return set(typed_parts(family)) >= {"F", "split", "sigma", "T_min"}
 
 
 def typed_law(family: UpdatedSampling, plant: Plant) -> Law | None:
