@@ -351,17 +351,19 @@ class _Synthesis:
             own += [at_rate_proved] if at_rate_proved is not None else []
         certificates = [method.certificate() for method in own]
         certificates += [one.method.certificate({letter: one.gain}) for one in others if one.method is not None]
-        beyond = self.card.beyond(question, own)
-        kept = [*certificates, *beyond.certificates]
-        design = self._design(outcome, best.law, best.gain, kept, beyond.details, reason)
-        return replace(design, front=beyond.front)
+        return self._design(outcome, best.law, best.gain, certificates, reason=reason)
 
     def finish(self) -> None:
-        """With how large the error stays under what is declared, what is refuted, and what other periods are worth."""
+        """With what else is worth keeping, how large the error stays under what is declared, what is refuted, and what
+        other periods are worth."""
         design, letter = self.design, self.card.letter
         if design is None or design.outcome == "none" or letter not in design.gain or progress.is_late():
             return
         question = self.question.with_gain({letter: design.gain[letter]}).under(design.sampling)
+        known = judge.judgement_of(self.card, self.plant, design, question.effort)
+        beyond = self.card.beyond(question, [item.method for item in known.converging if item.own])
+        kept = self._distinct([*design.certificates, *beyond.certificates])
+        self.design = replace(design, certificates=kept, details=beyond.details, front=beyond.front)
         sizes = accuracy.sized(question)
         self._keep(*(sized.method for sized in sizes))
         exceeded = self._exceeded(accuracy.by_state(sizes)) if self.given is None else None
@@ -370,7 +372,7 @@ class _Synthesis:
             self.design = replace(self._kept, outcome="short", reason=reason)
         for method in refutations(judge.judgement_of(self.card, self.plant, self._kept, question.effort)):
             self._keep(method)
-        if not design.front and question.level:
+        if not beyond.front and question.level:
             self.searches = self.card.gain_searches(self.asked)
             self.design = replace(self._kept, front=self._front(question, design.gain[letter]))
 
@@ -407,10 +409,14 @@ class _Synthesis:
         details: Mapping[str, Any] | None = None,
         reason: str | None = None,
     ) -> Design:
-        letter = self.card.letter
+        held = {} if gain is None else {self.card.letter: gain}
+        kept = self._distinct(certificates)
+        return Design(self.card.name, outcome, law, held, kept, None, reason, details=details or {})
+
+    def _distinct(self, certificates: Iterable[Certificate]) -> tuple[Certificate, ...]:
+        """Of each method, law, gain, rate and state the first."""
         kept: dict[str, Certificate] = {}
         for certificate in certificates:
-            about = tuple(certificate.data.get(name) for name in (letter, "sigma", "state"))
+            about = tuple(certificate.data.get(name) for name in (self.card.letter, "sigma", "state"))
             kept.setdefault(f"{certificate.method} {certificate.sampling} {about}", certificate)
-        held = {} if gain is None else {letter: gain}
-        return Design(self.card.name, outcome, law, held, tuple(kept.values()), None, reason, details=details or {})
+        return tuple(kept.values())
