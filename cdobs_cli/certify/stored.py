@@ -73,9 +73,10 @@ def judged(
     plant: as it came with the design. question: about it under the design's law, of the gain; a proof hangs on nothing
     else of it.
     """
-    if not (_last and _last[0].is_of(card, plant, design, question)):
-        _last[:] = [_Last(card, plant, design, question.inclusion.gain)]
-    last, items = _last[0], []
+    last, items = next(iter(_last), None), []
+    if last is None or not last.is_of(card, plant, design, question):
+        last = _Last(card, plant, design, question.inclusion.gain)
+        _last[:] = [last]  # for whoever asks next; another thread may put its own there at any time
     for place, stored in enumerate(last.stored):
         if stored is None or not wanted(stored.method):
             continue
