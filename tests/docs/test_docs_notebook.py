@@ -12,7 +12,7 @@ import pytest
 from docs_pages import DOCS
 
 CELLS = [one for one in json.loads((DOCS / "notebook.ipynb").read_text())["cells"] if one["cell_type"] == "code"]
-_NUMBER = re.compile(r"\d+(?:\.\d+)?(?:e-?\d+)?")
+_NUMBER = re.compile(r" *\d+(?:\.\d+)?(?:e-?\d+)?")  # with the spaces that columns have before
 
 
 def texts(cell: Any, kind: str) -> Iterator[str]:

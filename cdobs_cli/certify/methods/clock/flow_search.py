@@ -159,9 +159,9 @@ class FlowSearch(ABC):
         if flows is None:
             return None
         L, static, count = self._lyapunov(flows, sigma), self._static(jumps), len(self.operators[0])
-        solution = None
+        solution = None  # a step of a climb: what is kept is solved for anew
         for _ in range(_ROUNDS):
-            solution = self._ask(L, static)
+            solution = self._ask(L, static, refined=False)
             if solution is None or len(flows) <= _ALL_AT_ONCE:
                 break
             violation, worst = self._worst(solution.P, flows, sigma)
@@ -221,7 +221,7 @@ class FlowSearch(ABC):
     def _unknown(self, number: int) -> slice:
         return slice(number * self._t, (number + 1) * self._t)
 
-    def _ask(self, L: Array, static: Static) -> Solution | None:
+    def _ask(self, L: Array, static: Static, *, refined: bool = True) -> Solution | None:
         t, size = self._t, self._size
         g, e, first = self.operators
         cuts = sorted(self.cuts)
@@ -252,7 +252,8 @@ class FlowSearch(ABC):
         if self.drain is not None:
             b[len(top) :] -= (np.repeat(self.lengths, self.outline.D + 1)[c][:, None] * svec(self.drain)).reshape(-1)
         flow: Cone = ("psd", self.N)
-        x, z, _ = ask_with_multipliers(self._cost(size), A, b, [*cones, *[flow] * len(cuts)], _TOLERANCE, 100)
+        cones = [*cones, *[flow] * len(cuts)]
+        x, z, _ = ask_with_multipliers(self._cost(size), A, b, cones, _TOLERANCE, 100, refined=refined)
         if not np.all(np.isfinite(x)):
             return None
         P = list(np.einsum("nk,kij->nij", x[: self.outline.count * t].reshape(-1, t), self.basis))
