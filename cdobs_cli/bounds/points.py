@@ -55,13 +55,10 @@ def high_points(expression: Expression, region: Region) -> Iterator[dict[str, Fr
         steps = random.standard_normal((16, 12, len(names))) * spread * (random.random((16, 12, len(names))) < 0.6)
         moved = np.clip((points[:, None, :] + steps).reshape(-1, len(names)), low, high)
         points, values = np.vstack([points, moved]), np.concatenate([values, judged(moved)])
-    met: set[tuple[Fraction, ...]] = set()
     for best in points[np.argsort(values)[::-1][:3]]:
-        for digits in (3, 6, 12, None):
-            point = tuple(_near(value, digits, region, name) for name, value in zip(names, best, strict=True))
-            if point not in met:  # corners are their own decimals
-                met.add(point)
-                yield dict(zip(names, point, strict=True))
+        for digits in (3, 6, 12):
+            yield {name: _near(value, digits, region, name) for name, value in zip(names, best, strict=True)}
+        yield {name: Fraction(float(value)) for name, value in zip(names, best, strict=True)}
 
 
 def _pushed_inside(points: Array, region: Region, low: Array, high: Array) -> Array:
@@ -82,10 +79,7 @@ def _pushed_inside(points: Array, region: Region, low: Array, high: Array) -> Ar
     return points[np.all(np.isfinite(points), axis=1)]
 
 
-def _near(value: float, digits: int | None, region: Region, name: str) -> Fraction:
-    """In so many digits, or at an end that is near; exactly where no digits are asked for."""
-    if digits is None:
-        return Fraction(float(value))
+def _near(value: float, digits: int, region: Region, name: str) -> Fraction:
     ends = region.box[name]
     for end in (ends.lower, ends.upper):
         if isinstance(end, Fraction) and abs(float(end) - value) <= 10.0**-digits * max(1e-3, abs(value)):

@@ -70,11 +70,9 @@ def margin_and_binding(
     program = Program({**unknowns, "t": full(1, 1)})
     zeros = {name: unknown.matrix(np.zeros(unknown.size)) for name, unknown in unknowns.items()}
 
-    stacks = _units(unknowns)
-
     def above(form: Callable[[Values], Array]) -> None:
-        offset = form(zeros)
-        program.require_read(offset, np.concatenate([form(stacks) - offset, -np.eye(len(offset))[None]]))
+        unit = np.eye(len(form(zeros)))
+        program.require_at_once(lambda x: form(x) - unit * x["t"])
 
     for form in positive:
         above(form)
@@ -106,25 +104,6 @@ def margin_and_binding(
 def _least(x: Values, inequality: Callable[[Values, Any], Array], members: Sequence[Any]) -> Array:
     eigenvalues: Array = np.linalg.eigvalsh(np.array([inequality(x, member) for member in members]))[:, 0]
     return eigenvalues
-
-
-class _Stack(np.ndarray[Any, np.dtype[np.float64]]):
-    """Matrices (k, rows, columns) of which each is transposed."""
-
-    @property
-    def T(self) -> Any:
-        return self.swapaxes(-1, -2)
-
-
-def _units(unknowns: Mapping[str, Unknown]) -> dict[str, Any]:
-    """The unknowns at all unit vectors at once: all 0 but for one free entry of one of them."""
-    starts = np.cumsum([0, *(unknown.size for unknown in unknowns.values())])
-    stacks = {}
-    for start, (name, unknown) in zip(starts, unknowns.items(), strict=False):
-        stack = np.zeros((starts[-1], unknown.rows, unknown.columns))
-        stack[start : start + unknown.size] = unknown.units
-        stacks[name] = stack.view(_Stack)
-    return stacks
 
 
 def _spread(count: int) -> list[int]:

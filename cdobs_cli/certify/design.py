@@ -361,7 +361,7 @@ class _Synthesis:
             return
         question = self.question.with_gain({letter: design.gain[letter]}).under(design.sampling)
         known = judge.judgement_of(self.card, self.plant, design, question.effort)
-        beyond = self.card.beyond(question, [item.method for item in known.converging if item.own])
+        beyond = self.card.beyond(question, [item.method for item in known.converging if item.own and item.proof.holds])
         kept = self._distinct([*design.certificates, *beyond.certificates])
         self.design = replace(design, certificates=kept, details=beyond.details, front=beyond.front)
         sizes = accuracy.sized(question)

@@ -170,6 +170,26 @@ class Program:
         """inequality(x) >= 0 in the semidefinite order (a symmetric matrix; 1 x 1 for a scalar)."""
         self._semidefinite.append(self.read(inequality))
 
+    def require_at_once(self, inequality: Affine) -> None:
+        """`require` of an inequality made by +, -, products, .T and `block`, which take stacks of matrices: it is read
+        at all unit vectors at once."""
+        import numpy as np
+
+        offset = np.asarray(inequality(self._split(np.zeros(self.size))))
+        self._semidefinite.append((offset, np.asarray(inequality(self._stacks)) - offset))
+
+    @cached_property
+    def _stacks(self) -> dict[str, Array]:
+        """`_at_units`, of each unknown one stack (size, rows, columns)."""
+        import numpy as np
+
+        from cdobs_cli.arrays import Stack
+
+        stacks: dict[str, Array] = {}
+        for name in self.unknowns:
+            stacks[name] = np.array([values[name] for values in self._at_units]).view(Stack)
+        return stacks
+
     def require_read(self, offset: Array, coefficients: Array) -> None:
         """`require` of an inequality in the form that `read` gives it."""
         self._semidefinite.append((offset, coefficients))

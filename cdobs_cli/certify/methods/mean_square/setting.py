@@ -25,7 +25,7 @@ _FEW = 6
 ALL_AT_ONCE = 4
 _SCHEDULE = ((3, 4, 2), (4, 5, 2), (4, 5, 4), (5, 6, 6), (6, 7, 10))  # (d, D, pieces), coarse to fine
 _LARGEST = 1200  # unknowns
-_TWO = 2  # states, of which fine functions cost little, and coarse ones are far off from T_min = 0
+_FEW_STATES = 2  # of which fine functions cost little, and coarse ones are far off from T_min = 0
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ def shape(question: Question, setting: Setting, functions: int = 1, *, for_searc
     """Degrees and pieces of so many functions, by effort: of one alone finer ones, but for a search that only compares
     gains of more than two states; T_min is a break point."""
     law, N = question.law, setting.N
-    finer = 0 if for_search and question.plant.n > _TWO else 1
+    finer = 0 if for_search and question.plant.n > _FEW_STATES else 1
     step = question.level + finer if functions == 1 else max(0, question.level - (0 if setting.all_at_once else 1))
     while step and functions * (_SCHEDULE[step][0] * _SCHEDULE[step][2] + 1) * N * (N + 1) // 2 > _LARGEST:
         step -= 1
